@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from daest.diagnosis.diagnose import _said_of_inputs, load_sites
+from daest.diagnosis.diagnose import _said_of_inputs
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import fit_null
 from daest.diagnosis.open_loop import Simulated, driven_share, in_use, says_more_in_use, speaks_for
 from daest.diagnosis.proof import _undriven

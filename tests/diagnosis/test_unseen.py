@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from cart_data import recording
 
-from daest.diagnosis.diagnose import load_sites
-from daest.diagnosis.loads import load_places, with_loads
+from daest.diagnosis.loads import load_places, load_sites, with_loads
 from daest.diagnosis.null import Null, fit_null
 from daest.diagnosis.screen import run_null
 from daest.diagnosis.unseen import (

@@ -11,9 +11,11 @@ import numpy as np
 from daest.model.effects import Effect, Site
 from daest.model.flat import FlatModel
 from daest.model.parts import Equation
+from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library
-from daest.modelica.sites import fits, sites
+from daest.modelica.effects import effect_library, find_effect
+from daest.modelica.extend import extend_model
+from daest.modelica.sites import find_site, fits, sites
 from daest.systems.linearize import linearize
 from daest.systems.split import split
 from daest.systems.transfer import poles
@@ -108,3 +110,18 @@ def _solving(flat: FlatModel, component: str, result: str) -> tuple[list[str], c
 
 def defines(equation: Equation, name: str) -> bool:
     return equation.text.partition(" = ")[0] == name
+
+
+def in_steps(folder, path, class_name, steps):
+    """The model with effects put in one after the other, `steps` of (class name, place, values): by `attach`,
+    and as the last of the texts that `extend_model` writes, each of which extends the one before."""
+    expected = compile_model(path, class_name)
+    for number, (name, place, values) in enumerate(steps):
+        effect = find_effect(name)
+        site = find_site(expected, place, effect)
+        expected = attach(expected, effect, site, values=values)
+        there = find_site(compile_model(path, class_name), site.name, effect)
+        made = extend_model(path, class_name, effect, there, values=values)
+        path, class_name = folder / f"step{number}.mo", made.class_name
+        path.write_text(made.text)
+    return expected, made

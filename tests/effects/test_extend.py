@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from effect_rig import MODELS, RIG, characteristic, finite_poles, first_places, label, rig
+from effect_rig import MODELS, RIG, characteristic, finite_poles, first_places, in_steps, label, rig
 
 from daest.errors import ModelError
 from daest.modelica.attach import attach
@@ -278,16 +278,11 @@ def test_output_that_is_a_state_gets_a_variable_behind_it(tmp_path, place, says)
 
 @pytest.mark.parametrize("place", ["u", "v", "g"])
 def test_several_effects_at_one_signal_follow_each_other(tmp_path, place) -> None:
-    path, model = tmp_path / "Wheel.mo", "Wheel"
+    path = tmp_path / "Wheel.mo"
     path.write_text(WHEEL)
-    expected = compile_model(path)
-    for name, size in (("QuadraticGain", {"a": 0.3}), ("Offset", {"b": 0.2}), ("Lag", {"T": 0.4})):
-        effect = find_effect(f"Signals.{name}")
-        expected = attach(expected, effect, find_site(expected, place, effect), values=size)
-        site = find_site(compile_model(path, model), place, effect)
-        made = extend_model(path, model, effect, site, values=size)
-        path, model = tmp_path / f"{name}.mo", made.class_name
-        path.write_text(made.text)
+    sizes = {"QuadraticGain": {"a": 0.3}, "Offset": {"b": 0.2}, "Lag": {"T": 0.4}}
+    steps = [(f"Signals.{name}", place, size) for name, size in sizes.items()]
+    expected, made = in_steps(tmp_path, path, "Wheel", steps)
     assert characteristic(made.flat) == pytest.approx(characteristic(expected), rel=1e-6)
     told, wanted = (settled(one, 0.5) for one in (made.flat, expected))
     assert told == pytest.approx(wanted, rel=1e-6)
@@ -311,20 +306,12 @@ def test_output_that_shares_its_declaration_is_refused(tmp_path) -> None:
 
 
 def test_effects_in_two_steps_share_the_opened_equation(bare, tmp_path) -> None:
-    path, model, expected = bare, "Cart", compile_model(bare, "Cart")
-    for number, (class_name, place) in enumerate(
-        [
-            ("Translational.CoulombFriction", "v"),
-            ("Thermal.ConstantHeatGain", "T"),
-            ("Translational.QuadraticDrag", "v"),
-        ]
-    ):
-        effect = find_effect(class_name)
-        site = find_site(expected, place, effect)
-        expected = attach(expected, effect, site)
-        made = extend_model(path, model, effect, find_site(compile_model(path, model), site.name, effect))
-        path, model = tmp_path / f"step{number}.mo", made.class_name
-        path.write_text(made.text)
+    steps = [
+        ("Translational.CoulombFriction", "v", {}),
+        ("Thermal.ConstantHeatGain", "T", {}),
+        ("Translational.QuadraticDrag", "v", {}),
+    ]
+    expected, made = in_steps(tmp_path, bare, "Cart", steps)
     assert made.text.count("v_term(s = s)") == made.text.count("T_term(T = ") == 1
     assert characteristic(made.flat) == pytest.approx(characteristic(expected), rel=1e-6)
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from effect_rig import in_steps
 from scipy.integrate import solve_ivp
 
 from daest.errors import ModelError
@@ -166,23 +167,15 @@ def test_belt_slips_at_the_difference_of_the_rim_speeds(tmp_path, text, term):
 
 def test_two_effects_beside_a_force_and_one_at_a_body_keep_their_places(tmp_path):
     """The second at the force joins the first; that at the body is none of them, though it stands beside."""
-    path, model, expected = tmp_path / "Two.mo", "Two", compile_text(WITHIN.encode(), Path("Two.mo"))
+    path, effect = tmp_path / "Two.mo", find_effect("Translational.ViscousFriction")
     path.write_text(WITHIN)
-    for name, place in (
-        ("ViscousFriction", "v1, v2"),
-        ("CoulombFriction", "v1, v2"),
-        ("ViscousFriction", "v1"),
-    ):
-        effect = find_effect(f"Translational.{name}")
-        site = find_site(expected, place, effect)
-        expected = attach(expected, effect, site)
-        made = extend_model(path, model, effect, find_site(compile_model(path, model), site.name, effect))
-        path, model = tmp_path / f"{made.class_name}.mo", made.class_name
-        path.write_text(made.text)
+    places = (("ViscousFriction", "v1, v2"), ("CoulombFriction", "v1, v2"), ("ViscousFriction", "v1"))
+    steps = [(f"Translational.{name}", place, {}) for name, place in places]
+    expected, made = in_steps(tmp_path, path, "Two", steps)
     assert made.text.count("(s = s1 - s2)") == made.text.count("(s = s1)") == 1
     np.testing.assert_allclose(simulated(made.flat), simulated(expected), rtol=1e-6)
     with pytest.raises(ModelError, match="effect-present"):
-        attach(expected, effect, site)
+        attach(expected, effect, find_site(expected, "v1", effect))
 
 
 def test_what_is_no_force_between_bodies_is_no_place():

@@ -4,13 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from effect_rig import in_steps
 from scipy.integrate import solve_ivp
 
+from daest.errors import ModelError
 from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model, compile_text
 from daest.modelica.effects import find_effect
 from daest.modelica.extend import extend_model
-from daest.modelica.sites import find_site, fits, sites
+from daest.modelica.sites import fits, sites
 from daest.systems.simulate import simulate
 
 HEAD = """model Motor
@@ -28,6 +30,7 @@ FORMS = {
     "turned": '  Real i(unit = "A");\nequation\n  Ke*w + R*i - u = 0;',
     "current": '  Real i(unit = "A");\nequation\n  i = (u - Ke*w)/R;',
     "bound": '  Real i(unit = "A") = (u - Ke*w)/R "Current";\nequation',
+    "back": '  Real i(unit = "A");\n  Real e(unit = "V") = u - R*i "Back EMF";\nequation\n  e = Ke*w;',
     "coil": '  Real i(unit = "A", start = 0, fixed = true);\nequation\n  L*der(i) = u - R*i - Ke*w;',
     "rate": '  Real i(unit = "A", start = 0, fixed = true);\nequation\n  der(i) = (u - R*i - Ke*w)/L;',
 }
@@ -71,20 +74,32 @@ def test_voltage_drop_is_put_in_series(tmp_path, form):
 
 
 def test_two_effects_in_one_mesh_add_up(tmp_path):
-    path, model = tmp_path / "Motor.mo", "Motor"
+    path = tmp_path / "Motor.mo"
     path.write_text(HEAD + FORMS["current"] + REST)
-    expected = compile_model(path)
-    for name, values in (("BrushVoltageDrop", {"V_b": 1.5, "i_s": 0.3}), ("Inductance", {"L": 0.5})):
-        effect = find_effect(f"Electrical.{name}")
-        expected = attach(expected, effect, find_site(expected, "i", effect), values=values)
-        made = extend_model(
-            path, model, effect, find_site(compile_model(path, model), "i", effect), values=values
-        )
-        path, model = tmp_path / f"{name}.mo", made.class_name
-        path.write_text(made.text)
+    steps = [("BrushVoltageDrop", {"V_b": 1.5, "i_s": 0.3}), ("Inductance", {"L": 0.5})]
+    expected, made = in_steps(tmp_path, path, "Motor", [(f"Electrical.{n}", "i", v) for n, v in steps])
     drive = (np.linspace(0.0, 0.3, 31), np.full((31, 1), 5.0))
     for one in (expected, made.flat):
         assert simulate(one, drive).outputs[-1, 0] == pytest.approx(turning(True, 1.5), rel=2e-5)
+
+
+def test_currents_of_a_loop_are_refused_with_a_reason(tmp_path):
+    path = tmp_path / "Coils.mo"
+    path.write_text("""model Coils
+  parameter Real R(unit = "Ohm") = 2;
+  input Real u(unit = "V");
+  output Real y(unit = "A") = i[1] + i[2];
+  Real i[2](each unit = "A");
+equation
+  for k in 1:2 loop
+    i[k] = k*u/R;
+  end for;
+end Coils;
+""")
+    effect = find_effect("Electrical.BrushVoltageDrop")
+    site = next(s for s in sites(compile_model(path)) if s.kind == "mesh")
+    with pytest.raises(ModelError, match="several equations"):
+        extend_model(path, None, effect, site)
 
 
 @pytest.mark.parametrize(

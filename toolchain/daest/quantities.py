@@ -106,6 +106,11 @@ def dimensions(text: str) -> dict[str, float] | None:
         return None
 
 
+def is_of(unit: str, quantity: str) -> bool:
+    """Whether a unit is given, and is one of what the unit `quantity` is of: mV and V of a voltage."""
+    return bool(unit) and dimensions(unit) == dimensions(quantity)
+
+
 def conversion(given: str, wanted: str) -> Conversion:
     """The conversion from unit `given` to unit `wanted`.
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from daest.diagnosis.diagnose import diagnose, load_sites, without_noises
+from daest.diagnosis.diagnose import diagnose, without_noises
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import slowest_load
 from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import DaestError

@@ -28,6 +28,7 @@ from daest.diagnosis.disturbance import SmoothedLoad, place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.learned import learned_load, said, with_formula
+from daest.diagnosis.loads import load_sites
 from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import (
     Null,
@@ -304,11 +305,6 @@ def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) 
         return None
     fixed = flat.with_theta(fit.theta)
     return replace(fixed, parameters=tuple(replace(p, estimate=False) for p in fixed.parameters))
-
-
-def load_sites(flat: FlatModel) -> list[Site]:
-    """Where unknown loads may act."""
-    return [site for site in sites(flat) if site.kind in ("node", "equation")]
 
 
 def _told_fits(null: Null, validation: Sequence[Experiment]) -> tuple[FitResult, Reference | None]:

@@ -9,11 +9,10 @@ import casadi as ca
 from daest.design.drawn import Required
 from daest.design.loads import Loads
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.loads import load_places
+from daest.diagnosis.loads import load_places, load_sites
 from daest.diagnosis.unseen import FEWEST_STRETCHES, HORIZONS, LONGEST, TAKES_UP
 from daest.model.flat import FlatModel
 from daest.model.parts import NoiseInput
-from daest.modelica.sites import sites
 
 
 def required(n_candidates: int) -> Required:
@@ -38,8 +37,7 @@ def required(n_candidates: int) -> Required:
 def beside_loads(flat: FlatModel) -> tuple[FlatModel, Loads]:
     """The model with a noise of no size wherever the null of a diagnosis admits an unknown load, and these
     loads."""
-    nodes = [site for site in sites(flat) if site.kind in ("node", "equation")]
-    places = load_places(flat, nodes)
+    places = load_places(flat, load_sites(flat))
     names = tuple(place.load for place in places)
     w, residual = ca.SX.sym("load", len(places)), ca.SX(flat.residual)
     for i, place in enumerate(places):

@@ -22,6 +22,7 @@ from daest.model.linear import StateSpace
 from daest.model.parts import Equation, NoiseInput, Parameter, Variable
 from daest.modelica.place_units import flow_unit
 from daest.modelica.places import resolve_place
+from daest.modelica.sites import sites
 from daest.systems.state_space import state_space, state_space_family
 
 N_FREQUENCIES = 9
@@ -47,6 +48,11 @@ class LoadPlace:
     def time_constant(self) -> str:
         """The parameter."""
         return f"{self.load}.T"
+
+
+def load_sites(flat: FlatModel) -> list[Site]:
+    """Where unknown loads may act."""
+    return [site for site in sites(flat) if site.kind in ("node", "equation")]
 
 
 def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import count
 
 import casadi as ca
@@ -17,11 +18,11 @@ from daest.errors import ModelError
 from daest.model.effects import Effect, EffectParameter, Placement, Site
 from daest.model.flat import FlatModel
 from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Parameter, Variable
-from daest.modelica.balances import balances, needs_position
+from daest.modelica.balances import Balance, balances, needs_position
 from daest.modelica.connectors import DOMAINS, connectors_of
 from daest.modelica.effects import OWN, EffectModel, effect_model
-from daest.modelica.internal_forces import internal_force
-from daest.modelica.meshes import mesh
+from daest.modelica.internal_forces import InternalForce, internal_forces
+from daest.modelica.meshes import Mesh, meshes
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import connection_sets, fits
 from daest.near import near_names
@@ -167,6 +168,18 @@ class _Assembly:
             derived_parameters=tuple(self.derived),
             derived_values=_column(self.derived_values),
         )
+
+    @cached_property
+    def _balances(self) -> dict[str, Balance]:
+        return {balance.name(self.flat): balance for balance in balances(self.flat)}
+
+    @cached_property
+    def _forces(self) -> dict[str, InternalForce]:
+        return {force.name(self.flat): force for force in internal_forces(self.flat)}
+
+    @cached_property
+    def _meshes(self) -> dict[str, Mesh]:
+        return {mesh.name(self.flat): mesh for mesh in meshes(self.flat)}
 
     # --- putting in ----------------------------------------------------------------------------------------
 
@@ -387,13 +400,8 @@ class _Assembly:
     def _as_term(self, member: _Member, own: str, name: str) -> None:
         """The flow into the effect's connector `own` becomes a term of a balance, its potential follows the
         balanced variable."""
-        balance = next(b for b in balances(self.flat) if b.name(self.flat) == name)
-        flow, flow_symbol = member.local(own, 1)
-        old = self.equations[balance.row]
-        left, _, right = old.text.partition(" = ")
-        text = f"{left} + {flow} = {right}" if balance.sign > 0 else f"{left} = {right} + {flow}"
-        self.equations[balance.row] = replace(old, text=text)
-        self.residual[balance.row] = self.residual[balance.row] + balance.sign * flow_symbol
+        balance = self._balances[name]
+        self._add_term(balance.row, balance.sign, *member.local(own, 1))
         potential, symbol = member.local(own, 0)
         variable = self.flat.unknowns[balance.variable]
         if not needs_position(member.effect.domain):
@@ -403,48 +411,55 @@ class _Assembly:
             position = self.flat.unknowns[balance.position].name
             self._tie(potential, symbol, position, self.xi[balance.position])
         else:
-            at = [x.name for x in self.unknowns].index(potential)
-            self._tie(f"der({potential})", self.derivatives[at], variable.name, self.xi[balance.variable])
+            self._tie_rate(potential, variable.name, self.xi[balance.variable])
 
     def _beside_force(self, member: _Member, name: str) -> None:
         """The effect's flow becomes a term beside a force between bodies, its potential follows their
         relative motion; the other end of an effect with two does not move."""
-        force = internal_force(self.flat, name)
+        force = self._forces[name]
         *fixed, own = member.effect.connectors
-        flow, flow_symbol = member.local(own, 1)
         for row, sign in force.signs:
-            old = self.equations[row]
-            left, _, right = old.text.partition(" = ")
-            text = f"{left} + {flow} = {right}" if sign > 0 else f"{left} = {right} + {flow}"
-            self.equations[row] = replace(old, text=text)
-            self.residual[row] = self.residual[row] + sign * flow_symbol
+            self._add_term(row, sign, *member.local(own, 1))
         potential, symbol = member.local(own, 0)
         shown = force.motion_text(self.flat) or f"motion at {name}"
         if force.has_positions:
             self._tie(potential, symbol, shown, force.motion(self.flat))
         else:
-            at = [x.name for x in self.unknowns].index(potential)
-            self._tie(f"der({potential})", self.derivatives[at], shown, force.motion(self.flat))
+            self._tie_rate(potential, shown, force.motion(self.flat))
         for end in fixed:
             self._tie(*member.local(end, 0), "0", ca.SX(0.0))
 
     def _in_mesh(self, member: _Member, name: str) -> None:
         """The voltage over the effect becomes a term of a sum of voltages, its current follows the mesh."""
-        place = mesh(self.flat, name)
+        place = self._meshes[name]
         first, second = member.effect.connectors
-        voltage, voltage_symbol = member.local(first, 0)
-        old = self.equations[place.row]
-        if place.source is not None:
-            text = _renamed(old.text, place.source[0], f"({place.source[0]} - {voltage})")
+        voltage, symbol = member.local(first, 0)
+        if place.source is None:
+            self._add_term(place.row, place.sign, voltage, symbol)
         else:
-            left, _, right = old.text.partition(" = ")
-            is_left = place.sign is not None and place.sign > 0
-            text = f"{left} + {voltage} = {right}" if is_left else f"{left} = {right} + {voltage}"
-        self.equations[place.row] = replace(old, text=text)
-        self.residual[place.row] = place.with_drop(self.residual[place.row], voltage_symbol)
+            source, source_symbol = place.source
+            old = self.equations[place.row]
+            text = _renamed(old.text, source, f"({source} - {voltage})")
+            self.equations[place.row] = replace(old, text=text)
+            self.residual[place.row] = ca.substitute(
+                self.residual[place.row], source_symbol, source_symbol - symbol
+            )
         current = self.flat.unknowns[place.variable].name
         self._tie(*member.local(first, 1), current, self.xi[place.variable])
         self._tie(*member.local(second, 0), "0", ca.SX(0.0))
+
+    def _add_term(self, row: int, sign: float, name: str, symbol: ca.SX) -> None:
+        """Add a term to an equation of the model, on the left where the sign is positive."""
+        old = self.equations[row]
+        left, _, right = old.text.partition(" = ")
+        text = f"{left} + {name} = {right}" if sign > 0 else f"{left} = {right} + {name}"
+        self.equations[row] = replace(old, text=text)
+        self.residual[row] = self.residual[row] + sign * symbol
+
+    def _tie_rate(self, left: str, right: str, right_symbol: ca.SX) -> None:
+        """der(left) = right, of an unknown by its name."""
+        at = [x.name for x in self.unknowns].index(left)
+        self._tie(f"der({left})", self.derivatives[at], right, right_symbol)
 
     def _tie(self, left: str, left_symbol: ca.SX, right: str, right_symbol: ca.SX) -> None:
         self.equations.append(Equation(f"{left} = {right}", "connection", ""))
@@ -517,14 +532,8 @@ class _Assembly:
         if site.kind in ("input", "output", "parameter"):
             found = {_owner(e.text.partition(" = ")[2]) for e in self.equations if _reads(e, site.name)}
             return found | self._shown_by(site)
-        if site.kind == "equation":
-            return self._terms_of({int(site.name.partition(":")[0])})
-        if site.kind == "exchange":
+        if site.kind in ("equation", "exchange", "force", "mesh"):
             return self._terms_of({int(name.partition(":")[0]) for name in site.name.split(", ")})
-        if site.kind == "mesh":
-            return self._terms_of({mesh(self.flat, site.name).row})
-        if site.kind == "force":
-            return self._terms_of({row for row, _ in internal_force(self.flat, site.name).signs})
         if site.kind == "connector":
             joined = self.equations[self._flow_rows[site.connectors[0]]].origin.split(", ")
             return {_owner(name) for name in joined} if len(joined) == 2 else set()

@@ -88,6 +88,11 @@ def balances(flat: FlatModel) -> list[Balance]:
     return found
 
 
+def own_laws(flat: FlatModel) -> list[int]:
+    """Rows of the model itself, not of its components, be they equations or bindings."""
+    return [i for i, e in enumerate(flat.equations) if e.kind in ("component", "binding") and not e.origin]
+
+
 def _own_unknowns(flat: FlatModel) -> np.ndarray:
     """Which unknowns (n,) stand for nothing that was attached to the model: `der(v) = g*beam + load` balances
     v, it does not define the load."""

@@ -18,8 +18,8 @@ from daest.modelica.balances import Balance, balances
 from daest.modelica.compile import compile_text
 from daest.modelica.compiler import modification
 from daest.modelica.effects import effect_model
-from daest.modelica.internal_forces import internal_force
-from daest.modelica.meshes import mesh
+from daest.modelica.internal_forces import internal_forces
+from daest.modelica.meshes import meshes
 from daest.modelica.opened import (
     NotOpened,
     is_used_elsewhere,
@@ -28,18 +28,17 @@ from daest.modelica.opened import (
     opened_input,
     opened_mesh,
     opened_output,
+    output_binding,
     term_connector,
 )
 from daest.modelica.outline import (
     ClassHead,
     ConnectClause,
-    Token,
     class_heads,
     class_tokens,
     connect_clauses,
     extends_clauses,
     find_base,
-    offset_of,
     tokens,
     within,
 )
@@ -436,7 +435,7 @@ def _beside_force(draft: _Draft, placement: Placement, original: _Original) -> _
     """The model with a connector at a force between bodies, where the effect sits; the other end of an effect
     with two is fixed."""
     flat, name, domain = original.flat, placement.name, placement.site.domain
-    force = internal_force(flat, placement.site.name)
+    force = next(f for f in internal_forces(flat) if f.name(flat) == placement.site.name)
     end = term_connector(flat, (row for row, _ in force.signs), domain)
     if end is None:
         with _opening(original, f"the equation {flat.equations[force.signs[0][0]].text}"):
@@ -454,7 +453,7 @@ def _beside_force(draft: _Draft, placement: Placement, original: _Original) -> _
 def _in_mesh(draft: _Draft, placement: Placement, original: _Original) -> _Original:
     """The model with the effect in series in a mesh that an equation describes."""
     flat = original.flat
-    place = mesh(flat, placement.site.name)
+    place = next(m for m in meshes(flat) if m.name(flat) == placement.site.name)
     with _opening(original, f"the equation {flat.equations[place.row].text}"):
         source, term = opened_mesh(original.source, flat, place, names_of(flat))
     draft.changes.append(f"{term}(is_used = true)")
@@ -565,11 +564,10 @@ def _binding(name: str, original: _Original) -> str:
     modified = _modified(name, original, original.head)
     if modified:
         return modified
-    place = next(y for y in original.flat.outputs if y.name == name).place
-    if place is None or place.line is None or place.file != str(original.path):
+    try:
+        return output_binding(original.source, original.flat, name)
+    except NotOpened:
         return ""
-    start = offset_of(original.source, place)
-    return _bound_text(original.source, list(_declared(original.source, start)))
 
 
 def _modified(name: str, original: _Original, head: ClassHead) -> str:
@@ -583,25 +581,3 @@ def _modified(name: str, original: _Original, head: ClassHead) -> str:
         if found:
             return found
     return ""
-
-
-def _declared(source: bytes, start: int) -> Iterable[Token]:
-    """Tokens behind an identifier and its modification, up to the end of the declaration."""
-    depth = 0
-    for i, token in enumerate(tokens(source, start)):
-        depth += (token.text in "([{") - (token.text in ")]}")
-        if depth == 0 and token.text in (";", ","):
-            return
-        if i > 0:
-            yield token
-
-
-def _bound_text(source: bytes, words: Sequence[Token]) -> str:
-    depth, begin = 0, None
-    for token in words:
-        if depth == 0 and begin is not None and (token.kind == "text" or token.text == "annotation"):
-            return source[begin : token.start].decode().strip()
-        if depth == 0 and begin is None and token.text == "=":
-            begin = token.end
-        depth += (token.text in "([{") - (token.text in ")]}")
-    return source[begin : words[-1].end].decode().strip() if begin is not None else ""

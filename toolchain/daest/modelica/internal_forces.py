@@ -15,10 +15,10 @@ import numpy as np
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
-from daest.modelica.balances import Balance, balances, slopes_near_start
+from daest.modelica.balances import Balance, balances, own_laws, slopes_near_start
 from daest.modelica.place_units import balances_flows
 from daest.modelica.text import number_text
-from daest.quantities import dimensions
+from daest.quantities import is_of
 
 _FORCES: dict[Domain, str] = {"translational": "N", "rotational": "N.m"}
 _N_POINTS = 3  # at which a parameter must act on two bodies alike
@@ -28,27 +28,27 @@ _SEED = 20040102
 
 @dataclass(frozen=True)
 class InternalForce:
-    """The force that equation `row` gives to unknown `variable`, or that stands in the balances of two
-    `bodies` where these are None. `bodies` are the balances with the factors, expressions of the parameters,
-    by which their speeds sum up to that of the relative motion; `signs` the equations that the flow of an
-    effect enters, each with its factor in the residual. `deflection` is the unknown of the model that is the
-    relative position, as phi in `der(phi) = w1 - w2`, with its sign; None where there is none."""
+    """The force that an equation gives to unknown `variable`, or that stands in the balances of two `bodies`
+    where this is None. `bodies` are the balances with the factors, expressions of the parameters, by which
+    their speeds sum up to that of the relative motion; `signs` the equations that the flow of an effect
+    enters, each with its factor in the residual: that which gives the force, or the two balances.
+    `deflection` is the unknown of the model that is the relative position, as phi in `der(phi) = w1 - w2`,
+    with its sign; None where there is none."""
 
     domain: Domain
     bodies: tuple[tuple[Balance, ca.SX], ...]
     signs: tuple[tuple[int, float], ...]
-    row: int | None = None
     variable: int | None = None
     deflection: tuple[int, float] | None = None
 
     def name(self, flat: FlatModel) -> str:
-        if self.row is not None and self.variable is not None:
-            return f"{self.row}:{flat.unknowns[self.variable].name}"
+        if self.variable is not None:
+            return f"{self.signs[0][0]}:{flat.unknowns[self.variable].name}"
         return ", ".join(body.name(flat) for body, _ in self.bodies)
 
     def aliases(self, flat: FlatModel) -> tuple[str, ...]:
-        if self.row is not None and self.variable is not None:
-            return flat.equations[self.row].text, flat.unknowns[self.variable].name
+        if self.variable is not None:
+            return flat.equations[self.signs[0][0]].text, flat.unknowns[self.variable].name
         return (", ".join(flat.unknowns[body.variable].name for body, _ in self.bodies),)
 
     @property
@@ -58,7 +58,7 @@ class InternalForce:
 
     def motion(self, flat: FlatModel) -> ca.SX:
         """The relative position, or the relative speed where a body has no position."""
-        return sum((factor * flat.xi[i] for i, factor in self._terms()), start=ca.SX(0.0))
+        return _sum((factor, flat.xi[i]) for i, factor in self._terms())
 
     def motion_text(self, flat: FlatModel) -> str | None:
         """The same as Modelica writes it; None where a factor is neither a number nor a parameter."""
@@ -74,7 +74,7 @@ class InternalForce:
     def coefficients(self, flat: FlatModel) -> tuple[tuple[str, str], ...]:
         """The parameters that the force is proportional to: as `c` that by which it grows with the relative
         position, as `d` that with the relative speed."""
-        if self.row is None:
+        if self.variable is None:
             return ()
         printed = [
             (name, _printed(slope, flat)) for name, slope in zip("cd", _slopes(self, flat), strict=True)
@@ -102,22 +102,13 @@ def internal_forces(flat: FlatModel) -> list[InternalForce]:
     return found
 
 
-def internal_force(flat: FlatModel, name: str) -> InternalForce:
-    """That of this name."""
-    return next(force for force in internal_forces(flat) if force.name(flat) == name)
-
-
 def _given_by_equations(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
     slopes = slopes_near_start(flat)
     rows = {body.row for body in bodies}
     kinetic = {i for body in bodies for i in (body.variable, body.position)}
-    laws = [
-        i
-        for i, e in enumerate(flat.equations)
-        if e.kind in ("component", "binding") and not e.origin and i not in rows and np.any(slopes[i])
-    ]
+    laws = [i for i in own_laws(flat) if i not in rows]
     for variable, unknown in enumerate(flat.unknowns):
-        domain = next((d for d, unit in _FORCES.items() if _is_unit(unknown.unit, unit)), None)
+        domain = next((d for d, unit in _FORCES.items() if is_of(unknown.unit, unit)), None)
         if domain is None or variable in kinetic:
             continue
         own = [row for row in laws if abs(slopes[row, variable]) == 1.0 and not _is_definition(slopes[row])]
@@ -125,11 +116,7 @@ def _given_by_equations(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[
         if len(own) == 1 and len(acting) >= 2:
             sign = -float(slopes[own[0], variable])
             deflection = _deflection(flat, acting)
-            yield InternalForce(domain, acting, ((own[0], sign),), own[0], variable, deflection)
-
-
-def _is_unit(unit: str, wanted: str) -> bool:
-    return bool(unit) and dimensions(unit) == dimensions(wanted)
+            yield InternalForce(domain, acting, ((own[0], sign),), variable, deflection)
 
 
 def _is_definition(slopes: np.ndarray) -> bool:
@@ -151,10 +138,8 @@ def _acting(
             continue
         if ca.depends_on(factor, moving):
             return ()
-        own = body.domain(flat)
-        assert own is not None
-        if not balances_flows(flat, body, own):
-            if own != domain:
+        if not balances_flows(flat, body):
+            if body.domain(flat) != domain:
                 return ()
             # The terms are accelerations: the factor has the mass in it, and tells the direction alone.
             value = float(ca.Function("factor", [flat.theta], [factor])(flat.theta_values))
@@ -194,24 +179,24 @@ def _is_same(flat: FlatModel, one: ca.SX, other: ca.SX) -> bool:
 
 def _slopes(force: InternalForce, flat: FlatModel) -> tuple[ca.SX, ca.SX]:
     """How the force that an equation gives grows with the relative position and with the relative speed."""
-    assert force.row is not None
     (first, factor), *others = force.bodies
     x, v = ca.SX.sym("x"), ca.SX.sym("v")
-    law = force.signs[0][1] * flat.residual[force.row]
+    ((row, sign),) = force.signs
+    law = sign * flat.residual[row]
     speeds = _sum((f, flat.xi[body.variable]) for body, f in others)
     law = ca.substitute(law, flat.xi[first.variable], (v - speeds) / factor)
     if all(body.position >= 0 for body, _ in force.bodies):
         positions = _sum((f, flat.xi[body.position]) for body, f in others)
         law = ca.substitute(law, flat.xi[first.position], (x - positions) / factor)
     if force.deflection is not None:
-        k, sign = force.deflection
-        law = ca.substitute(law, ca.vertcat(flat.xi[k], flat.derivatives[k]), sign * ca.vertcat(x, v))
+        k, direction = force.deflection
+        law = ca.substitute(law, ca.vertcat(flat.xi[k], flat.derivatives[k]), direction * ca.vertcat(x, v))
     return ca.simplify(ca.jacobian(law, x)), ca.simplify(ca.jacobian(law, v))
 
 
 def _in_balances(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
     """Forces that a parameter tells: it acts on two bodies with opposite signs, and with what moves both."""
-    heavy = [body for body in bodies if balances_flows(flat, body, body.domain(flat) or "signal")]
+    heavy = [body for body in bodies if balances_flows(flat, body)]
     if len(heavy) < 2:
         return
     acts, follows = _actions(flat, heavy)

@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 
 from daest.model.flat import FlatModel
-from daest.modelica.balances import slopes_near_start
+from daest.modelica.balances import own_laws, slopes_near_start
 from daest.modelica.place_units import slope_has_unit
-from daest.quantities import dimensions
+from daest.quantities import is_of
 
 _CURRENT, _VOLTAGE = "A", "V"
 
@@ -19,12 +19,12 @@ _CURRENT, _VOLTAGE = "A", "V"
 @dataclass(frozen=True)
 class Mesh:
     """Row `row` with the current that is unknown `variable`. `sign` is the factor with which a voltage
-    against the current enters the residual where the terms are voltages. Where they are currents or rates it
-    is None, and the voltage is taken off the voltage `source`, a variable of the row."""
+    against the current enters the residual where the terms are voltages. Where they are currents or rates,
+    the voltage is taken off the `source`, a voltage of the row: its name and its symbol."""
 
     row: int
     variable: int
-    sign: float | None
+    sign: float
     source: tuple[str, ca.SX] | None = None
 
     def name(self, flat: FlatModel) -> str:
@@ -33,37 +33,17 @@ class Mesh:
     def aliases(self, flat: FlatModel) -> tuple[str, ...]:
         return flat.equations[self.row].text, flat.unknowns[self.variable].name
 
-    def with_drop(self, residual: ca.SX, drop: ca.SX) -> ca.SX:
-        """The residual of the row with a voltage `drop` against the current."""
-        if self.sign is not None:
-            return residual + self.sign * drop
-        assert self.source is not None
-        symbol = self.source[1]
-        return ca.substitute(residual, symbol, symbol - drop)
-
 
 def meshes(flat: FlatModel) -> list[Mesh]:
     """Rows of the model itself, not of its components, that are sums of voltages, or follow from one."""
-    currents = [k for k, v in enumerate(flat.unknowns) if _is_unit(v.unit, _CURRENT)]
-    rows = [
-        i
-        for i, e in enumerate(flat.equations)
-        if e.kind in ("component", "binding") and not e.origin and currents
-    ]
-    if not rows:
+    rows = own_laws(flat)
+    # Reading units takes longer than anything else here: a model of components alone needs none.
+    currents = [k for k, v in enumerate(flat.unknowns) if rows and is_of(v.unit, _CURRENT)]
+    if not currents:
         return []
     slopes = slopes_near_start(flat)
     found = [_mesh(flat, slopes, row, k) for row in rows for k in currents]
     return [mesh for mesh in found if mesh is not None]
-
-
-def mesh(flat: FlatModel, name: str) -> Mesh:
-    """That of this name."""
-    return next(one for one in meshes(flat) if one.name(flat) == name)
-
-
-def _is_unit(unit: str, wanted: str) -> bool:
-    return bool(unit) and dimensions(unit) == dimensions(wanted)
 
 
 def _mesh(flat: FlatModel, slopes: np.ndarray, row: int, current: int) -> Mesh | None:
@@ -86,14 +66,14 @@ def _mesh(flat: FlatModel, slopes: np.ndarray, row: int, current: int) -> Mesh |
     if ca.depends_on(slope, moving):
         return None
     value = float(ca.Function("slope", [flat.theta], [slope])(flat.theta_values))
-    return Mesh(row, current, None, source) if np.sign(value) == -sign else None
+    return Mesh(row, current, sign, source) if np.sign(value) == -sign else None
 
 
 def _holds_current(flat: FlatModel, row: int, current: int) -> bool:
     """Whether a current other than the unknown `current` stands in the row."""
     known = [(v.unit, flat.xi[k]) for k, v in enumerate(flat.unknowns) if k != current]
     known += [(v.unit, flat.u[k]) for k, v in enumerate(flat.inputs)]
-    found = [x for unit, x in known if _is_unit(unit, _CURRENT)]
+    found = [x for unit, x in known if is_of(unit, _CURRENT)]
     return bool(found) and bool(ca.depends_on(flat.residual[row], ca.vertcat(*found)))
 
 
@@ -103,7 +83,7 @@ def _source(flat: FlatModel, row: int) -> tuple[str, ca.SX] | None:
         found = [
             (variable.name, symbols[k])
             for k, variable in enumerate(variables)
-            if _is_unit(variable.unit, _VOLTAGE) and ca.depends_on(flat.residual[row], symbols[k])
+            if is_of(variable.unit, _VOLTAGE) and ca.depends_on(flat.residual[row], symbols[k])
         ]
         if found:
             return found[0] if len(found) == 1 else None

@@ -123,31 +123,15 @@ def opened_mesh(source: bytes, flat: FlatModel, mesh: Mesh, taken: Iterable[str]
     name = free_name(f"{_plain(current)}_term", taken)
     about = f"In series in {flat.equations[mesh.row].text}"
     term = _Term(name, f"Voltage {name}(i = {current})", about)
-    if mesh.sign is not None:
+    if mesh.source is None:
         return _with_terms(source, flat, ((mesh.row, mesh.sign),), term), name
-    assert mesh.source is not None
-    return _with_less_voltage(source, flat, mesh.row, mesh.source[0], term), name
-
-
-def _with_less_voltage(source: bytes, flat: FlatModel, row: int, voltage: str, term: _Term) -> bytes:
-    """The text in which the equation of a row uses `voltage` less the sum of the term."""
-    equation = flat.equations[row]
-    start = _offset(source, flat, equation.place)
-    _, words = _class_at(source, start)
-    if equation.kind == "binding":
-        sides = _binding_at(words, start, equation.text.partition(" = ")[0])
-    else:
-        left, right = _sides(words, start)
-        sides = [*left, *right]
-    uses = [
-        w
-        for i, w in enumerate(sides)
-        if w.text == voltage and (i == 0 or sides[i - 1].text != ".") and sides[i + 1 : i + 2] != ["."]
-    ]
+    voltage, _ = mesh.source
+    row = _row_at(source, flat, mesh.row)
+    uses = _uses([*row.left, *row.right], voltage, -1)
     if not uses:
         raise NotOpened(f"does not name `{voltage}`, from which the voltage would be taken")
-    edits = [Edit(w.start, w.end, f"({voltage} - {term.name}.{_TOTAL})") for w in uses]
-    return edited(source, [*edits, _declared(source, words, term.line)])
+    edits = [Edit(w.start, w.end, f"({voltage} - {name}.{_TOTAL})") for w in uses]
+    return edited(source, [*edits, _declared(source, row.words, term.line)]), name
 
 
 @dataclass(frozen=True)
@@ -170,36 +154,43 @@ def _end(name: str, domain: Domain) -> str:
 
 def _with_terms(source: bytes, flat: FlatModel, signs: Sequence[tuple[int, float]], term: _Term) -> bytes:
     """The text with the sum of the term in every row of `signs`, on the left where the sign is positive."""
-    edits: list[Edit] = []
-    heads: set[ClassHead] = set()
-    words: list[Token] = []
-    for row, sign in signs:
-        equation = flat.equations[row]
-        start = _offset(source, flat, equation.place)
-        if sum(e.place == equation.place for e in flat.equations) > 1:
-            raise NotOpened("stands for several equations (an array or a loop)")
-        head, words = _class_at(source, start)
-        heads.add(head)
-        if equation.kind == "binding":
-            side = _binding_at(words, start, equation.text.partition(" = ")[0])
-        else:
-            side = _sides(words, start)[0 if sign > 0 else 1]
-        edits += _with_term(side, f"{term.name}.{_TOTAL}")
-    if len(heads) > 1:
+    rows = [(_row_at(source, flat, number), sign) for number, sign in signs]
+    if len({row.head for row, _ in rows}) > 1:
         raise NotOpened("stands in equations of several classes")
-    return edited(source, [*edits, _declared(source, words, term.line)])
+    edits: list[Edit] = []
+    for row, sign in rows:
+        # A binding has nothing on its left that a term could be added to.
+        side, mark = (row.left, "+") if sign > 0 and row.left else (row.right, "-" if sign > 0 else "+")
+        edits += _with_term(side, f"{mark} {term.name}.{_TOTAL}")
+    return edited(source, [*edits, _declared(source, rows[0][0].words, term.line)])
 
 
-def _binding_at(words: Sequence[Token], start: int, name: str) -> list[Token]:
-    """The expression of the declaration of the variable behind the byte `start`."""
+@dataclass(frozen=True)
+class _Row:
+    """The tokens of an equation left and right of its equality sign, those of a binding all on the right,
+    in the class of `head` with its `words`."""
+
+    head: ClassHead
+    words: list[Token]
+    left: list[Token]
+    right: list[Token]
+
+
+def _row_at(source: bytes, flat: FlatModel, number: int) -> _Row:
+    """The equation of that number in the text. Raises NotOpened."""
+    equation = flat.equations[number]
+    start = _offset(source, flat, equation.place)
+    if sum(e.place == equation.place for e in flat.equations) > 1:
+        raise NotOpened("stands for several equations (an array or a loop)")
+    head, words = _class_at(source, start)
+    if equation.kind != "binding":
+        return _Row(head, words, *_sides(words, start))
+    name = equation.text.partition(" = ")[0]
     at = next((i for i, w in enumerate(words) if w.start >= start and w.text == name), None)
-    if at is None:
-        raise NotOpened("is a declaration that cannot be found in the text")
-    end = _behind_declarator(words, at)
-    found = _bound(words, next(i for i, w in enumerate(words) if w.start >= end))
-    if not found:
-        raise NotOpened("is given by no equation of its own")
-    return found
+    bound = [] if at is None else _binding_behind(words, at)
+    if not bound:
+        raise NotOpened("is a declaration whose binding cannot be found in the text")
+    return _Row(head, words, [], bound)
 
 
 def _term(flat: FlatModel, balance: Balance, domain: Domain, name: str) -> _Term:
@@ -239,13 +230,13 @@ def _sides(words: Sequence[Token], start: int) -> tuple[list[Token], list[Token]
 
 
 def _with_term(side: Sequence[Token], term: str) -> list[Edit]:
-    """`… + term`; a side that is an if-expression goes into brackets."""
+    """The side with a term behind it, `+ x`; one that is an if-expression goes into brackets."""
     depth = dict(depths(side))
     is_open = any(w.text == "if" and depth[i] == 0 for i, w in enumerate(side))
     first, last = side[0].start, side[-1].end
     if not is_open:
-        return [Edit(last, last, f" + {term}")]
-    return [Edit(first, first, "("), Edit(last, last, f") + {term}")]
+        return [Edit(last, last, f" {term}")]
+    return [Edit(first, first, "("), Edit(last, last, f") {term}")]
 
 
 # Inputs and outputs -----------------------------------------------------------------------------------------
@@ -344,7 +335,7 @@ def _with_variable_behind(
     of its `uses` and bind the output to it. Raises NotOpened."""
     name, end = words[at], _behind_declarator(words, at)
     behind = next(i for i, w in enumerate(words) if w.start >= end)
-    bound = _bound(words, behind)
+    bound = _binding_behind(words, at)
     after = words[behind + len(bound) + bool(bound)].text
     if after == "," or words[at - 1].text in (",", "]") or words[at + 1].text == "[":
         raise NotOpened(f"is not given by one equation `{name.text} = …`, nor declared in a line of its own")
@@ -362,11 +353,20 @@ def _with_variable_behind(
     return [*edits, Edit(name.end, last, f"{left} = {inner}"), _declared(source, words, line)]
 
 
-def _bound(words: Sequence[Token], at: int) -> list[Token]:
-    """The expression of a declaration behind the equality sign at `at`; empty where there is none."""
-    if words[at].text != "=":
+def output_binding(source: bytes, flat: FlatModel, name: str) -> str:
+    """The text of `expr` in `output Real y(…) = expr "…";`; empty where the output has none. Raises
+    NotOpened."""
+    _, words, at = _output(source, flat, name)
+    bound = _binding_behind(words, at)
+    return source[bound[0].start : bound[-1].end].decode() if bound else ""
+
+
+def _binding_behind(words: Sequence[Token], at: int) -> list[Token]:
+    """The expression that a declaration binds the identifier at `at` to; empty where there is none."""
+    end = _behind_declarator(words, at)
+    rest = [w for w in words if w.start >= end]
+    if not rest or rest.pop(0).text != "=":
         return []
-    rest = words[at + 1 :]
     for (i, depth), word in zip(depths(rest), rest, strict=True):
         if depth == 0 and (word.text in (";", ",", "annotation") or word.kind == "text"):
             return list(rest[:i])

@@ -45,7 +45,7 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
         return {p.name: _of_signal(p, unit) for p in effect.parameters}
     if site.kind in ("equation", "exchange"):
         balance = _balance_of(flat, site.name.split(", ")[0])
-        if balance is not None and not balances_flows(flat, balance, site.domain):
+        if balance is not None and not balances_flows(flat, balance):
             own = (flat.unknowns[balance.variable].unit, "s")
             return {p.name: p.unit if _is_made_of(p.unit, own) else "" for p in effect.parameters}
         if balance is not None and balance.is_level(flat):
@@ -56,7 +56,7 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
 def flow_unit(flat: FlatModel, site: Site) -> str:
     """Unit of the terms of the bare equation at `site` where they are flows of its domain, else empty."""
     balance = _balance_of(flat, site.name)
-    return _FLOWS[site.domain] if balance is not None and balances_flows(flat, balance, site.domain) else ""
+    return _FLOWS[site.domain] if balance is not None and balances_flows(flat, balance) else ""
 
 
 def _balance_of(flat: FlatModel, name: str) -> Balance | None:
@@ -76,15 +76,16 @@ def _of_signal(parameter: EffectParameter, unit: str) -> str:
     return (f"({unit})" if "/" in unit else unit) + written.removeprefix(_SIGNAL)
 
 
-def balances_flows(flat: FlatModel, balance: Balance, domain: Domain) -> bool:
-    """Whether the terms of the equation have the unit of the domain's flow, as the units of the variables
-    and parameters in the factor of the rate tell.
+def balances_flows(flat: FlatModel, balance: Balance) -> bool:
+    """Whether the terms of the equation have the unit of its domain's flow, as the units of the variables
+    and parameters in the factor of the rate tell; not where the variable has no unit.
 
     In other base units every quantity has another value. The factor must change as flow over rate does.
     """
-    wanted = dimensions(_FLOWS.get(domain, ""))
+    domain = balance.domain(flat)
+    wanted = None if domain is None else dimensions(_FLOWS[domain])
     rate = dimensions(flat.unknowns[balance.variable].unit)
-    if not wanted or rate is None or not flat.unknowns[balance.variable].unit:
+    if wanted is None or rate is None:
         return False
     need = {d: wanted.get(d, 0.0) - rate.get(d, 0.0) for d in {*wanted, *rate}}
     need["[time]"] = need.get("[time]", 0.0) + 1.0

@@ -89,7 +89,7 @@ def _exchanges(flat: FlatModel) -> list[Site]:
         domain = a.domain(flat)
         if domain is None or domain != b.domain(flat) or a.is_level(flat) != b.is_level(flat):
             continue
-        if balances_flows(flat, a, domain) and balances_flows(flat, b, domain):
+        if balances_flows(flat, a) and balances_flows(flat, b):
             variables = ", ".join(flat.unknowns[one.variable].name for one in (a, b))
             name = f"{a.name(flat)}, {b.name(flat)}"
             found.append(Site(name, "exchange", domain, aliases=(variables,)))
