@@ -123,6 +123,11 @@ class Site:
     parameters: tuple[tuple[str, str], ...] = ()
 
     @property
+    def told(self) -> str:
+        """What it is, in words."""
+        return f"{'an' if self.domain == 'electrical' else 'a'} {self.domain} {self.kind}"
+
+    @property
     def given(self) -> dict[str, str]:
         """The model's parameters by the names that an effect asks for."""
         return dict(self.parameters)

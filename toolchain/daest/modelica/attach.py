@@ -188,7 +188,7 @@ class _Assembly:
         if not fits(effect, site):
             raise ModelError(
                 "effect-fit",
-                f"{effect.name} does not fit at `{site.name}`, a {site.domain} {site.kind}",
+                f"{effect.name} does not fit at `{site.name}`, {site.told}",
                 remedy="Choose one of the sites where it fits.",
             )
         if not self.allow_repeated:

@@ -197,7 +197,7 @@ def _unknown(name: str, known: Sequence[Site], effect: Effect | None) -> ModelEr
 
 def _unfit(effect: Effect, site: Site, known: Sequence[Site]) -> ModelError:
     usable = [one for one in known if fits(effect, one)]
-    what = f"a {site.domain} {site.kind}" if site.kind not in _SIGNAL_KINDS else f"the {site.kind}"
+    what = site.told if site.kind not in _SIGNAL_KINDS else f"the {site.kind}"
     why = ""
     if effect.attach == "parallel" and site.domain == effect.domain and site.kind == "component":
         missing = [p.given_from for p in effect.parameters if p.required and p.given_from not in site.given]
