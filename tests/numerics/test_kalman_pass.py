@@ -84,7 +84,7 @@ def test_stop_is_as_close_to_the_limit_as_it_says(monkeypatch, compiled, slow):
 
 def test_outputs_without_any_noise_are_told():
     matrices = drawn(3, 1, 1, 1)
-    still = StepMatrices(*(0.0 * part for part in vars(matrices).values()))
+    still = StepMatrices(*(0.0 * part for part in matrices.arrays()))
     zeros = np.zeros((5, 3))
     found = kalman_steps(
         still, np.zeros(5, dtype=np.int64), zeros[:, :1], zeros, zeros[:1].T + np.zeros((3, 1)), np.eye(3)

@@ -11,7 +11,7 @@ solution corrects states, covariances and likelihood at every sample.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from daest.estimation.flat_start import (
     whitening,
 )
 from daest.estimation.gates import FIT
+from daest.estimation.hessenberg import hessenberg_states, in_states
 from daest.estimation.modes import (
     LONG_RUN,
     Models,
@@ -119,7 +120,20 @@ def _pass_over(
     if not np.all(modes.present):
         z[np.isnan(z)] = 0.0
     start = _start(models, modes, initial, kind, state_names)
+    if not details and kind != "stationary" and not start.sensitivity.size:
+        modes, drive, start = _in_cheaper_states(modes, drive, start)
     return _forward_pass(modes, z, drive, start, details), start
+
+
+def _in_cheaper_states(modes: Modes, drive: np.ndarray, start: PassStart) -> tuple[Modes, np.ndarray, PassStart]:
+    """The same pass in states in which a step costs least; its likelihood is the same."""
+    found = hessenberg_states(modes, start.cov, drive.shape[0])
+    if found is None:
+        return modes, drive, start
+    T, inverse = found
+    cov = inverse @ start.cov @ inverse.T
+    start = replace(start, mean=inverse @ start.mean, cov=(cov + cov.T) / 2, scale=np.sqrt(np.diagonal(cov)))
+    return in_states(modes, T, inverse), drive @ inverse.T if any(drive.strides) else drive, start
 
 
 def _start(
@@ -284,6 +298,7 @@ class _Plan:
         self.matrices = StepMatrices(
             modes.transition, modes.output, modes.process_cov, modes.cross_cov, modes.measurement_cov,
             modes.noise_cov, modes.noise_measurement_cov,
+            is_hessenberg=not np.any(np.tril(modes.transition, -2)),
         )  # fmt: skip
         self.run_end = _run_ends(modes.index)
         self.begins_long = self.run_end - np.arange(self.run_end.size) >= LONG_RUN

@@ -2,14 +2,19 @@
 
    One step, with the covariance P of the prediction and [m A], its mean and sensitivity to an unknown start:
    S = C P C' + R = L L', K = (Phi P C' + S12) S^-1, [m A] <- Phi [m A] + K ([z 0] - C [m A]) + [drive 0], and in
-   Joseph form P <- F P F' + Q - K S12' - S12 K' + K R K' with F = Phi - K C. With CONSTANT states the loops have
-   constant lengths; from TILES_FROM on products go tile by tile through the registers of the processor. */
+   Joseph form P <- F P F' + Q - K S12' - S12 K' + K R K' with F = Phi - K C. Where S12 = 0 and the outputs tell little
+   that P does not know (trace R^-1 S <= MILD), the same goes by way of the covariance after the outputs,
+   P <- Phi (P + T Kf' + Kf T') Phi' + Q with Kf = P C' S^-1, T = Kf S / 2 - P C': second order in errors of Kf, too,
+   and what rounding leaves is at most MILD times as large. With CONSTANT states the loops have constant lengths; from
+   TILES_FROM on products go tile by tile through the registers of the processor, past the zeros of a Phi that is
+   upper Hessenberg. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
+#define ONCE static __attribute__((noinline))
 #define UNROLLED _Pragma("GCC unroll 8") /* before a loop of constant length */
 #else
 #define INLINE static inline
@@ -24,6 +29,7 @@ enum { LANES = 4, TILE_ROWS = 4 };
 enum { LANES = 2, TILE_ROWS = 4 };
 #endif
 enum { TILES_FROM = 10, WINDOW = 16, TILE_VECTORS = 3 };
+#define MILD 1e3
 
 typedef struct {
     long n_y, n_w, columns; /* columns of [m A] */
@@ -54,6 +60,21 @@ INLINE void add_outer(long k, long n, double sign, int upper, const double *rest
         }
 }
 
+/* a' b */
+INLINE double dot(long n, const double *a, const double *b)
+{
+    double sum = 0.0, other = 0.0, third = 0.0, fourth = 0.0;
+    long i = 0;
+    for (; i + 4 <= n; i += 4) {
+        sum += a[i] * b[i];
+        other += a[i + 1] * b[i + 1];
+        third += a[i + 2] * b[i + 2];
+        fourth += a[i + 3] * b[i + 3];
+    }
+    for (; i < n; i++) sum += a[i] * b[i];
+    return sum + other + (third + fourth);
+}
+
 /* out (m, n) = A (n, m)' */
 INLINE void transposed(long m, long n, const double *A, double *out)
 {
@@ -64,6 +85,7 @@ INLINE void transposed(long m, long n, const double *A, double *out)
 #if defined(__GNUC__)
 /* Vectors of the processor; in memory they begin at any number. */
 typedef double lanes_t __attribute__((vector_size(LANES * 8)));
+typedef long long mask_t __attribute__((vector_size(LANES * 8)));
 typedef double anywhere_t __attribute__((vector_size(LANES * 8), aligned(8), may_alias));
 
 /* A tile of out = base + A B: `rows` rows by `vectors` vectors of columns, kept in registers; A[i, l] stands at
@@ -89,11 +111,17 @@ INLINE void tile(const int rows, const int vectors, long k, long n, const double
         UNROLLED for (int v = 0; v < vectors; v++) *(anywhere_t *)(out + i * n + v * LANES) = sum[i][v];
 }
 
-/* Tiles over the columns `from` … n - 1 >= LANES; the last vectors reach back over columns that are done. */
+/* Tiles over the columns `from` … n - 1 >= LANES; the last vectors reach back over columns that are done. `banded`:
+   B[l, j] = 0 where l < j - 1. */
 INLINE void strip(const int rows, long k, long n, const double *A, long down, long across, const double *B,
-                  const double *base, double *out, long from)
+                  const double *base, double *out, long from, int banded)
 {
-#define TILE(vectors, j) tile(rows, vectors, k, n, A, down, across, B + (j), base ? base + (j) : NULL, out + (j))
+#define TILE(vectors, j)                                                                                          \
+    do {                                                                                                          \
+        const long first = banded && (j) > 1 ? (j) - 1 : 0;                                                       \
+        tile(rows, vectors, k - first, n, A + first * across, down, across, B + first * n + (j),                  \
+             base ? base + (j) : NULL, out + (j));                                                                \
+    } while (0)
     long j = from;
     for (; j + TILE_VECTORS * LANES <= n; j += TILE_VECTORS * LANES) TILE(TILE_VECTORS, j);
     const long left = n - j;
@@ -109,39 +137,68 @@ INLINE void strip(const int rows, long k, long n, const double *A, long down, lo
 #undef TILE
 }
 
-/* See `times`. */
-INLINE void tiled(long m, long k, long n, const double *A, long down, long across, const double *B,
-                  const double *base, double *out, int upper)
-{
-    long i = 0;
+typedef void strip_t(long k, long n, const double *A, long down, long across, const double *B, const double *base,
+                     double *out, long from, int banded);
 #define STRIP(rows)                                                                                               \
-    strip(rows, k, n, A + i * down, down, across, B, base ? base + i * n : NULL, out + i * n,                      \
-          upper ? i / LANES * LANES : 0)
-    for (; i + TILE_ROWS <= m; i += TILE_ROWS) STRIP(TILE_ROWS);
-    for (; i + 2 <= m; i += 2) STRIP(2);
-    if (i < m) STRIP(1);
+    ONCE void strip_##rows(long k, long n, const double *A, long down, long across, const double *B,              \
+                           const double *base, double *out, long from, int banded)                                \
+    {                                                                                                             \
+        strip(rows, k, n, A, down, across, B, base, out, from, banded);                                           \
+    }
+STRIP(1)
+STRIP(2)
+STRIP(3)
+STRIP(4)
+#if defined(__AVX512F__)
+STRIP(8)
+#endif
 #undef STRIP
+
+/* Which entries of a product are asked for, and which zeros its factors have. */
+typedef enum { WHOLE, UPPER, HESSENBERG_LEFT, HESSENBERG_RIGHT } shape_t;
+
+/* out = base + A B of A (m, k), B (k, n). UPPER: from the diagonal on; HESSENBERG_LEFT: A is upper Hessenberg, from
+   the entry before the diagonal on; HESSENBERG_RIGHT: B' is, of A only these entries are read, and as UPPER. */
+ONCE void tiled(long m, long k, long n, const double *A, long down, long across, const double *B, const double *base,
+                double *out, shape_t shape)
+{
+    long rows = TILE_ROWS;
+    for (long i = 0; i < m; i += rows) {
+        while (rows > m - i && rows > 3) rows /= 2;
+        if (rows > m - i || (rows == 2 && m - i == 3)) rows = m - i;
+        strip_t *const now = rows == 1 ? strip_1 : rows == 2 ? strip_2 : rows == 3 ? strip_3
+#if defined(__AVX512F__)
+                             : rows == 8 ? strip_8
+#endif
+                                         : strip_4;
+        const long first = shape == HESSENBERG_LEFT && i > 1 ? i - 1 : 0;
+        const long from = shape == WHOLE ? 0 : shape == HESSENBERG_LEFT ? first / LANES * LANES : i / LANES * LANES;
+        now(k - first, n, A + i * down + first * across, down, across, B + first * n, base ? base + i * n : NULL,
+            out + i * n, from, shape == HESSENBERG_RIGHT);
+    }
 }
 
 static void tiled_product(long m, long k, long n, const double *A, const double *B, double *out)
 {
-    tiled(m, k, n, A, k, 1, B, NULL, out, 0);
+    tiled(m, k, n, A, k, 1, B, NULL, out, WHOLE);
 }
 
-static void tiled_upper(long n, const double *A, const double *B, const double *base, double *out)
+static void tiled_congruence(long n, const double *F, const double *Ft, const double *P, const double *Q, double *out,
+                             double *work, int hessenberg)
 {
-    tiled(n, n, n, A, n, 1, B, base, out, 1);
+    tiled(n, n, n, F, n, 1, P, NULL, work, hessenberg ? HESSENBERG_LEFT : WHOLE);
+    tiled(n, n, n, work, n, 1, Ft, Q, out, hessenberg ? HESSENBERG_RIGHT : UPPER);
 }
 
 static void tiled_outer(long k, long n, const double *A, const double *B, const double *base, double *out, int upper)
 {
-    tiled(n, k, n, A, 1, n, B, base, out, upper);
+    tiled(n, k, n, A, 1, n, B, base, out, upper ? UPPER : WHOLE);
 }
 #define HAS_TILES(n) ((n) >= TILES_FROM)
 #else
 #define HAS_TILES(n) 0
 #define tiled_product product
-#define tiled_upper(n, A, B, base, out) (void)0
+#define tiled_congruence(n, F, Ft, P, Q, out, work, hessenberg) (void)0
 #define tiled_outer(k, n, A, B, base, out, upper) (void)0
 #endif
 
@@ -168,13 +225,13 @@ INLINE void plus_outer(long k, long n, int upper, const double *A, const double 
 
 /* out = Q + F P F' for symmetric P, Q, from the diagonal on; Ft = F'; `work` holds a matrix. */
 INLINE void congruence(long n, const double *F, const double *Ft, const double *P, const double *Q, double *out,
-                       double *work)
+                       double *work, int hessenberg)
 {
-    times(n, n, n, F, P, work);
     if (HAS_TILES(n)) {
-        tiled_upper(n, work, Ft, Q, out);
+        tiled_congruence(n, F, Ft, P, Q, out, work, hessenberg);
         return;
     }
+    product(n, n, n, F, P, work);
     for (long i = 0; i < n; i++) {
         double *row = out + i * n;
         for (long j = i; j < n; j++) row[j] = Q[i * n + j];
@@ -220,17 +277,33 @@ INLINE int whitening(long n, const double *S, double *W, double *inverse, double
     return 0;
 }
 
-/* Gain and covariance of (x, w) after the outputs, `estimation.kalman`; PCt = C P (n_y, n). That of x in Joseph
-   form, (I - K C) P (I - K C)' + K R K', by products with K and C alone. */
-INLINE void filtered(long n, const model_t *g, long mode, const double *P, const double *PCt, const double *S,
-                     const double *inverse, double *gain, double *cov, double *work)
+/* Gain and covariance of (x, w) after the outputs, `estimation.kalman`, of Kt = Kf' (n_y, n) and the covariance of x
+   after the outputs (n, n), from the diagonal on if `upper`. */
+INLINE void filtered(long n, long n_y, const model_t *g, long mode, const double *Kt, const double *after, int upper,
+                     const double *inverse, double *gain, double *cov)
 {
-    const long n_y = g->n_y, n_w = g->n_w, size = n + n_w;
-    const double *R = g->R + mode * n_y * n_y, *Ne = g->Ne + mode * n_w * n_y, *Qw = g->Qw + mode * n_w * n_w;
-    double *Kt = work, *rest = Kt + n_y * n, *minus = rest + n_y * n, *D = minus + n_y * n, *other = D + n * n;
-    times(n_y, n_y, n, inverse, PCt, Kt);
+    const long n_w = g->n_w, size = n + n_w;
+    const double *Ne = g->Ne + mode * n_w * n_y, *Qw = g->Qw + mode * n_w * n_w;
     transposed(n, n_y, Kt, gain);
     product(n_w, n_y, n_y, Ne, inverse, gain + n * n_y);
+    if (upper)
+        mirrored(n, after, cov, size);
+    else
+        for (long i = 0; i < n; i++) memcpy(cov + i * size, after + i * n, n * sizeof(double));
+    for (long i = 0; i < size; i++)
+        for (long j = n; j < size; j++) {
+            double sum = i < n ? 0.0 : Qw[(i - n) * n_w + j - n];
+            for (long y = 0; y < n_y; y++) sum -= gain[i * n_y + y] * Ne[(j - n) * n_y + y];
+            cov[i * size + j] = cov[j * size + i] = sum;
+        }
+}
+
+/* D, from the diagonal on: the covariance of x after the outputs in Joseph form, (I - K C) P (I - K C)' + K R K', by
+   products with K and C alone; PCt = C P, Kt = K' (n_y, n). `work` holds 2 n_y n + n n numbers. */
+INLINE void joseph(long n, long n_y, const double *R, const double *P, const double *PCt, const double *S,
+                   const double *Kt, double *D, double *work)
+{
+    double *rest = work, *minus = rest + n_y * n, *other = minus + n_y * n;
     for (long y = 0; y < n_y; y++) /* (K R)' - ((I - K C) P C')' */
         for (long i = 0; i < n; i++) {
             double sum = -PCt[y * n + i];
@@ -241,38 +314,52 @@ INLINE void filtered(long n, const model_t *g, long mode, const double *P, const
     for (long i = 0; i < n_y * n; i++) minus[i] = -PCt[i];
     plus_outer(n_y, n, 1, Kt, minus, P, other);
     plus_outer(n_y, n, 1, rest, Kt, other, D);
-    mirrored(n, D, cov, size);
-    for (long i = 0; i < size; i++)
-        for (long j = n; j < size; j++) {
-            double sum = i < n ? 0.0 : Qw[(i - n) * n_w + j - n];
-            for (long y = 0; y < n_y; y++) sum -= gain[i * n_y + y] * Ne[(j - n) * n_y + y];
-            cov[i * size + j] = cov[j * size + i] = sum;
-        }
 }
 
-/* Largest |one - other| in standard deviations of the larger of both; `size` holds 2 n numbers. */
-INLINE double distance(long n, const double *one, const double *other, double *size)
+#if defined(__GNUC__)
+/* `distance` of n >= LANES: row by row from the diagonal on, the last vector reaching back. */
+ONCE double tiled_distance(long n, const double *one, const double *other, double *scale)
 {
-    double worst = 0.0, *largest = size + n; /* of each column, so that vectors of the processor do it */
+    lanes_t worst = {0};
+    for (long i = 0; i < n; i++) {
+        const double *now = one + i * n, *before = other + i * n, own = scale[i];
+        for (long j = i; j < n; j += LANES) {
+            const long at = j + LANES <= n ? j : n - LANES;
+            const lanes_t apart = *(const anywhere_t *)(now + at) - *(const anywhere_t *)(before + at);
+            const lanes_t share = own * apart * *(const anywhere_t *)(scale + at) * apart;
+            const mask_t larger = share > worst;
+            worst = (lanes_t)(((mask_t)share & larger) | ((mask_t)worst & ~larger));
+        }
+    }
+    double largest = 0.0;
+    for (int v = 0; v < LANES; v++) largest = worst[v] > largest ? worst[v] : largest;
+    return sqrt(largest);
+}
+#else
+#define tiled_distance(n, one, other, scale) 0.0
+#endif
+
+/* Largest |one - other| in standard deviations of the larger of both, whose upper triangles are read; `scale` holds n
+   numbers. */
+INLINE double distance(long n, const double *one, const double *other, double *scale)
+{
+    double worst = 0.0;
     for (long i = 0; i < n; i++) {
         const double larger = fmax(one[i * n + i], other[i * n + i]);
-        size[i] = larger > 0.0 ? 1.0 / sqrt(larger) : 0.0;
-        largest[i] = 0.0;
+        scale[i] = larger > 0.0 ? 1.0 / larger : 0.0;
+        if (larger > 0.0) continue; /* without any variance: nothing may differ */
+        for (long j = i; j < n; j++)
+            if (one[i * n + j] != other[i * n + j]) return INFINITY;
+        for (long j = 0; j < i; j++)
+            if (one[j * n + i] != other[j * n + i]) return INFINITY;
     }
-    for (long i = 0; i < n; i++) {
-        const double *restrict now = one + i * n, *restrict before = other + i * n, root = size[i];
-        if (!(root > 0.0)) { /* without any variance: nothing may differ */
-            for (long j = 0; j < n; j++)
-                if (now[j] != before[j]) return INFINITY;
-            continue;
+    if (HAS_TILES(n)) return tiled_distance(n, one, other, scale);
+    for (long i = 0; i < n; i++)
+        for (long j = i; j < n; j++) {
+            const double apart = one[i * n + j] - other[i * n + j];
+            worst = fmax(worst, scale[i] * apart * scale[j] * apart);
         }
-        for (long j = 0; j <= i; j++) {
-            const double share = fabs(now[j] - before[j]) * (root * size[j]);
-            largest[j] = share > largest[j] ? share : largest[j];
-        }
-    }
-    for (long j = 0; j < n; j++) worst = largest[j] > worst ? largest[j] : worst;
-    return worst;
+    return sqrt(worst);
 }
 
 /* Whether a sequence whose changes are told has come to within `limit` of its end: the largest changes of two
@@ -295,93 +382,117 @@ INLINE int settled(settling_t *s, double change, double limit)
 }
 
 /* See `daest_kalman`. */
-INLINE long run(const long n, const model_t *g, long n_samples, const long long *mode, const long long *long_after,
-                const double *z, const double *drive, const double *target, const char *has_target, double limit,
-                double *M, double *P, double *predicted, double *nu, double *A, double *S, double *white,
-                double *gain, double *cov, double *filter_gain, double *filtered_cov, double *work)
+INLINE long run(const long n, const long n_y, const model_t *g, long n_samples, const long long *mode,
+                const long long *long_after, const double *z, const double *drive, const double *target,
+                const char *has_target, double limit, int hessenberg, double *M, double *P, double *predicted,
+                double *nu, double *A, double *S, double *white, double *gain, double *cov, double *filter_gain,
+                double *filtered_cov, double *work)
 {
-    const long n_y = g->n_y, columns = g->columns, size = n + g->n_w;
-    double *Phit = work, *F = Phit + n * n, *Ft = F + n * n, *after = Ft + n * n, *rest = after + n * n;
-    double *PCt = rest + 2 * n * n + 3 * n_y * n, *Gt = PCt + n_y * n, *Kt = Gt + n_y * n, *RKt = Kt + n_y * n;
-    double *St = RKt + n_y * n, *Mt = St + n_y * n, *next = Mt + columns * n, *seen = next + columns * n;
-    double *L = seen + columns * n_y, *inverse = L + n_y * n_y, *minus = inverse + n_y * n_y;
+    const long columns = g->columns, size = n + g->n_w;
+    double *Phit = work, *after = Phit + n * n, *rest = after + n * n, *F = rest + n * n, *Ft = F + n * n;
+    double *spare = Ft + n * n, *PCt = spare + 2 * n_y * n + n * n, *Tt = PCt + n_y * n, *Kt = Tt + n_y * n;
+    double *again = Kt + n_y * n, *St = again + n_y * n, *minus = St + n_y * n, *RGt = minus + n_y * n;
+    double *now = RGt + n_y * n, *next = now + (n_y + columns) * n, *mean = next + (n_y + columns) * n;
+    double *seen = mean + columns * n, *scale = seen + columns * n_y, *L = scale + n, *inverse = L + n_y * n_y;
+    double *known = inverse + n_y * n_y, *root = known + n_y * n_y, *Gt = next;
     settling_t settling = {0, 0.0, 0.0};
     const long asked = n_samples;
     long latest = -1;
-    int has_cross = 0;
-    transposed(columns, n, M, Mt);
+    int has_cross = 0, is_open = 0;
+    transposed(columns, n, M, mean);
+    if (cov) memcpy(cov, P, n * n * sizeof(double));
     for (long k = 0; k < n_samples; k++) {
         const long m = (long)mode[k];
         const double *Phi = g->Phi + m * n * n, *C = g->C + m * n_y * n, *R = g->R + m * n_y * n_y;
-        const double *Q = g->Q + m * n * n;
-        double *Sk = S + k * n_y * n_y;
+        const double *Q = g->Q + m * n * n, *here = cov ? cov + k * n * n : P, *found = after;
+        double *Sk = S + k * n_y * n_y, told = 0.0;
         if (m != latest) {
             transposed(n, n, Phi, Phit);
             transposed(n_y, n, g->S12 + m * n * n_y, St);
             has_cross = 0;
             for (long i = 0; i < n * n_y; i++) has_cross |= St[i] != 0.0;
+            is_open = !has_cross && !whitening(n_y, R, root, known, L); /* known = R^-1 */
             latest = m;
         }
-        if (cov) memcpy(cov + k * n * n, P, n * n * sizeof(double));
-        times(n_y, n, n, C, P, PCt);
+        times(n_y, n, n, C, here, PCt);
         for (long y = 0; y < n_y; y++)
             for (long v = 0; v < n_y; v++) {
-                double sum = R[y * n_y + v];
-                for (long i = 0; i < n; i++) sum += PCt[y * n + i] * C[v * n + i];
+                const double sum = R[y * n_y + v] + dot(n, PCt + y * n, C + v * n);
                 Sk[y * n_y + v] = sum;
+                told += known[v * n_y + y] * sum;
             }
         if (whitening(n_y, Sk, white + k * n_y * n_y, inverse, L)) return -1 - k;
-        times(n_y, n, n, PCt, Phit, Gt);
-        for (long i = 0; i < n_y * n; i++) Gt[i] += St[i];
-        times(n_y, n_y, n, inverse, Gt, Kt);
-        transposed(n, n_y, Kt, gain + k * n * n_y);
-
+        times(n_y, n_y, n, inverse, PCt, Kt);
         for (long c = 0; c < columns; c++)
             for (long y = 0; y < n_y; y++) {
-                double sum = 0.0;
-                for (long i = 0; i < n; i++) sum += Mt[c * n + i] * C[y * n + i];
+                const double sum = dot(n, mean + c * n, C + y * n);
                 seen[c * n_y + y] = c ? -sum : z[k * n_y + y] - sum;
             }
         memcpy(nu + k * n_y, seen, n_y * sizeof(double));
-        memcpy(predicted + k * n, Mt, n * sizeof(double));
-        if (A) transposed(n, columns - 1, Mt + n, A + k * n * (columns - 1));
-        times(columns, n, n, Mt, Phit, next);
-        times(columns, n_y, n, seen, Kt, Mt);
-        for (long i = 0; i < columns * n; i++) Mt[i] += next[i];
-        for (long i = 0; i < n; i++) Mt[i] += drive[k * n + i];
+        memcpy(predicted + k * n, mean, n * sizeof(double));
+        if (A) transposed(n, columns - 1, mean + n, A + k * n * (columns - 1));
 
-        if (filtered_cov)
-            filtered(n, g, m, P, PCt, Sk, inverse, filter_gain + k * size * n_y, filtered_cov + k * size * size, rest);
-        for (long i = 0; i < n_y * n; i++) minus[i] = -Kt[i];
-        plus_outer(n_y, n, 0, minus, C, Phi, F);
-        plus_outer(n_y, n, 0, C, minus, Phit, Ft);
-        congruence(n, F, Ft, P, Q, after, rest);
-        times(n_y, n_y, n, R, Kt, RKt);
-        for (long i = 0; i < n_y * n; i++) RKt[i] -= St[i]; /* K R K' - K S12' - S12 K' = K (R K' - S12') - S12 K' */
-        plus_outer(n_y, n, 1, Kt, RKt, after, rest);
-        if (has_cross) {
-            plus_outer(n_y, n, 1, St, minus, rest, after);
-            mirrored(n, after, rest, n);
-            memcpy(after, rest, n * n * sizeof(double));
+        if (is_open && told <= MILD) {
+            double *held = now + n_y * n; /* mean and sensitivity after the outputs */
+            memcpy(now, Kt, n_y * n * sizeof(double));
+            times(columns, n_y, n, seen, Kt, held);
+            for (long i = 0; i < columns * n; i++) held[i] += mean[i];
+            times(n_y + columns, n, n, now, Phit, next);
+            memcpy(mean, next + n_y * n, columns * n * sizeof(double));
+            for (long y = 0; y < n_y; y++)
+                for (long i = 0; i < n; i++) {
+                    double sum = 0.0;
+                    for (long v = 0; v < n_y; v++) sum += Sk[v * n_y + y] * Kt[v * n + i];
+                    Tt[y * n + i] = again[y * n + i] = 0.5 * sum - PCt[y * n + i];
+                }
+            plus_outer(2 * n_y, n, 0, Tt, Kt, here, rest); /* [T K] [K T]' */
+            if (filtered_cov)
+                filtered(n, n_y, g, m, Kt, rest, 0, inverse, filter_gain + k * size * n_y,
+                         filtered_cov + k * size * size);
+            congruence(n, Phi, Phit, rest, Q, after, F, hessenberg);
         } else {
-            mirrored(n, rest, after, n);
+            times(n_y, n, n, PCt, Phit, minus);
+            for (long i = 0; i < n_y * n; i++) minus[i] += St[i];
+            times(n_y, n_y, n, inverse, minus, Gt);
+            times(columns, n, n, mean, Phit, now);
+            times(columns, n_y, n, seen, Gt, mean);
+            for (long i = 0; i < columns * n; i++) mean[i] += now[i];
+            if (filtered_cov) {
+                joseph(n, n_y, R, here, PCt, Sk, Kt, rest, spare);
+                filtered(n, n_y, g, m, Kt, rest, 1, inverse, filter_gain + k * size * n_y,
+                         filtered_cov + k * size * size);
+            }
+            for (long i = 0; i < n_y * n; i++) minus[i] = -Gt[i];
+            plus_outer(n_y, n, 0, minus, C, Phi, F);
+            plus_outer(n_y, n, 0, C, minus, Phit, Ft);
+            congruence(n, F, Ft, here, Q, after, rest, 0);
+            times(n_y, n_y, n, R, Gt, RGt);
+            for (long i = 0; i < n_y * n; i++) RGt[i] -= St[i]; /* K R K' - K S12' - S12 K' = K (R K' - S12') - S12 K' */
+            plus_outer(n_y, n, 1, Gt, RGt, after, rest);
+            found = rest;
+            if (has_cross) {
+                plus_outer(n_y, n, 1, St, minus, rest, after);
+                found = after;
+            }
         }
-        if (!isfinite(after[0])) return -1 - k;
+        transposed(n, n_y, Gt, gain + k * n * n_y);
+        for (long i = 0; i < n; i++) mean[i] += drive[k * n + i];
+        if (!isfinite(found[0])) return -1 - k;
 
         int is_steady = 0;
         if (k + 1 < n_samples && n_samples == asked && mode[k + 1] == m && long_after[k + 1]) {
             if (has_target[m])
-                is_steady = distance(n, after, target + m * n * n, rest) <= limit;
+                is_steady = distance(n, found, target + m * n * n, scale) <= limit;
             else
-                is_steady = settled(&settling, distance(n, after, P, rest), limit);
+                is_steady = settled(&settling, distance(n, found, here, scale), limit);
         } else {
             settling.count = 0;
             settling.now = settling.before = 0.0;
         }
-        memcpy(P, after, n * n * sizeof(double));
         if (is_steady) n_samples = k + 2;
+        mirrored(n, found, cov && k + 1 < n_samples ? cov + (k + 1) * n * n : P, n);
     }
-    transposed(n, columns, Mt, M);
+    transposed(n, columns, mean, M);
     return n_samples;
 }
 
@@ -420,29 +531,30 @@ void daest_constant(long n, long n_y, long n_samples, const double *F, const dou
 /* Filter samples 0 … n_samples - 1 from [m A] (n, columns) and P, which are those after them in the end. Stops
    after the first sample whose covariance is stationary to `limit`, in standard deviations: that of `target` where the
    mode has one, else the limit of the sequence. `long_after`: samples that begin enough others of their mode.
-   Results by sample: predicted (n), nu (n_y), A (n, columns - 1), S, white = L^-1, gain (n, n_y), and unless NULL
-   cov, and filter_gain (n + n_w, n_y) and filtered_cov of (x, w). Returns the number of samples done, and -1 - k
-   where S or P of sample k has no root. */
+   `hessenberg`: every Phi is upper Hessenberg. Results by sample: predicted (n), nu (n_y), A (n, columns - 1), S,
+   white = L^-1, gain (n, n_y), and unless NULL cov, and filter_gain (n + n_w, n_y) and filtered_cov of (x, w). Returns
+   the number of samples done, and -1 - k where S or P of sample k has no root. */
 long daest_kalman(long n, long n_y, long n_w, long columns, long n_samples, const long long *mode,
                   const long long *long_after, const double *Phi, const double *C, const double *Q,
                   const double *S12, const double *R, const double *Qw, const double *Ne, const double *z,
-                  const double *drive, const double *target, const char *has_target, double limit, double *M,
-                  double *P, double *predicted, double *nu, double *A, double *S, double *white, double *gain,
-                  double *cov, double *filter_gain, double *filtered_cov)
+                  const double *drive, const double *target, const char *has_target, double limit,
+                  long hessenberg, double *M, double *P, double *predicted, double *nu, double *A, double *S,
+                  double *white, double *gain, double *cov, double *filter_gain, double *filtered_cov)
 {
     const model_t g = {n_y, n_w, columns, Phi, C, Q, S12, R, Qw, Ne};
-    double *work =
-        malloc((6 * n * n + 9 * n * n_y + (2 * n + n_y) * columns + 2 * n_y * n_y) * sizeof(double));
+    const long rows = 11 * n_y + 3 * columns + 1;
+    double *work = calloc(6 * n * n + rows * n + (columns + 4 * n_y) * n_y, sizeof(double));
     long done = 0;
     if (work == NULL) return 0;
-#define RUN(N) run(N, &g, n_samples, mode, long_after, z, drive, target, has_target, limit, M, P, predicted, nu, A, S, \
-                   white, gain, cov, filter_gain, filtered_cov, work)
-    switch (n) {
+#define RUN(N, Y)                                                                                                 \
+    done = run(N, Y, &g, n_samples, mode, long_after, z, drive, target, has_target, limit, hessenberg != 0, M, P, \
+               predicted, nu, A, S, white, gain, cov, filter_gain, filtered_cov, work)
 #ifdef CONSTANT
-    case CONSTANT: done = RUN(CONSTANT); break;
+    if (n == CONSTANT && n_y == 1) RUN(CONSTANT, 1);
+    else if (n == CONSTANT && n_y == 2) RUN(CONSTANT, 2);
+    else
 #endif
-    default: done = RUN(n);
-    }
+        RUN(n, n_y);
     free(work);
     return done;
 }

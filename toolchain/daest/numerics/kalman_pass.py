@@ -22,7 +22,8 @@ WINDOW = 16  # changes of the covariance that tell how fast they die out, as in 
 @dataclass(frozen=True)
 class StepMatrices:
     """Φ, C, Q, S12 (n, n_y) and R of (47), covariance (n_w, n_w) of the noise, and (n_w, n_y) of the noise
-    with the outputs: one set per mode, which is the first axis."""
+    with the outputs: one set per mode, which is the first axis. `is_hessenberg`: every Φ is upper Hessenberg,
+    which makes steps without details three times as cheap."""
 
     transition: np.ndarray
     output: np.ndarray
@@ -31,9 +32,14 @@ class StepMatrices:
     measurement_cov: np.ndarray
     noise_cov: np.ndarray
     noise_measurement_cov: np.ndarray
+    is_hessenberg: bool = False
+
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """The matrices of all modes in this order."""
+        return tuple(part for part in vars(self).values() if isinstance(part, np.ndarray))
 
     def contiguous(self) -> tuple[np.ndarray, ...]:
-        return tuple(np.ascontiguousarray(part, dtype=float) for part in vars(self).values())
+        return tuple(np.ascontiguousarray(part, dtype=float) for part in self.arrays())
 
 
 @dataclass(frozen=True)
@@ -134,6 +140,7 @@ def _compiled(
         *map(ctypes.c_long, sizes),
         *map(_pointer, (*whole, *parts, *signals, known)),
         ctypes.c_double(stop.limit),
+        ctypes.c_long(matrices.is_hessenberg),
         *map(_pointer, (start, cov, *outputs)),
     )
     return done
@@ -152,7 +159,7 @@ def _interpreted(
     predicted, innovations, sensitivity, S_all, white_all, gain_all, *details = results
     settling, is_steady = _Settling(stop.limit), False
     for k, m in enumerate(mode):
-        Phi, C, Q, S12, R, *_ = (part[m] for part in vars(matrices).values())
+        Phi, C, Q, S12, R, *_ = (part[m] for part in matrices.arrays())
         predicted[k], sensitivity[k] = start[:, 0], start[:, 1:]
         PC = cov @ C.T
         S = C @ PC + R
