@@ -172,7 +172,7 @@ ONCE void tiled(long m, long k, long n, const double *A, long down, long across,
 #endif
                                          : strip_4;
         const long first = shape == HESSENBERG_LEFT && i > 1 ? i - 1 : 0;
-        const long from = shape == WHOLE ? 0 : shape == HESSENBERG_LEFT ? first / LANES * LANES : i / LANES * LANES;
+        const long from = shape == WHOLE ? 0 : shape == HESSENBERG_LEFT ? first : i;
         now(k - first, n, A + i * down + first * across, down, across, B + first * n, base ? base + i * n : NULL,
             out + i * n, from, shape == HESSENBERG_RIGHT);
     }
@@ -247,9 +247,13 @@ INLINE void mirrored(long n, const double *A, double *out, long apart)
 {
     enum { SIDE = 8 };
     for (long i = 0; i < n; i++) memcpy(out + i * apart + i, A + i * n + i, (n - i) * sizeof(double));
-    for (long j = 0; j < n; j += SIDE)
-        for (long i = j; i < n; i++)
-            for (long l = j; l < j + SIDE && l < i; l++) out[i * apart + l] = A[l * n + i];
+    for (long j = 0; j < n; j += SIDE) {
+        const long end = j + SIDE < n ? j + SIDE : n;
+        for (long l = j; l < end; l++)
+            for (long i = l + 1; i < end; i++) out[i * apart + l] = A[l * n + i];
+        for (long i = end; i < n; i++) /* then SIDE columns are left of the diagonal */
+            UNROLLED for (long l = 0; l < SIDE; l++) out[i * apart + j + l] = A[(j + l) * n + i];
+    }
 }
 
 /* W = L^-1 of S = L L' and inverse = W' W; 1 where S is not positive definite. */
@@ -439,12 +443,8 @@ INLINE long run(const long n, const long n_y, const model_t *g, long n_samples, 
             for (long i = 0; i < columns * n; i++) held[i] += mean[i];
             times(n_y + columns, n, n, now, Phit, next);
             memcpy(mean, next + n_y * n, columns * n * sizeof(double));
-            for (long y = 0; y < n_y; y++)
-                for (long i = 0; i < n; i++) {
-                    double sum = 0.0;
-                    for (long v = 0; v < n_y; v++) sum += Sk[v * n_y + y] * Kt[v * n + i];
-                    Tt[y * n + i] = again[y * n + i] = 0.5 * sum - PCt[y * n + i];
-                }
+            times(n_y, n_y, n, Sk, Kt, Tt);
+            for (long i = 0; i < n_y * n; i++) Tt[i] = again[i] = 0.5 * Tt[i] - PCt[i];
             plus_outer(2 * n_y, n, 0, Tt, Kt, here, rest); /* [T K] [K T]' */
             if (filtered_cov)
                 filtered(n, n_y, g, m, Kt, rest, 0, inverse, filter_gain + k * size * n_y,
