@@ -49,7 +49,7 @@ from daest.model.estimates import (
 from daest.model.experiment import Experiment
 from daest.model.linear import DiscreteModel
 from daest.numerics.gaussian import CHUNK, FREE_TOLERANCE, undetermined
-from daest.numerics.kalman_pass import KalmanSteps, StepMatrices, Stop, constant_gain, kalman_steps
+from daest.numerics.kalman_pass import KalmanSteps, StepMatrices, Stop, constant_gain, is_driven, kalman_steps
 from daest.numerics.riccati import predictor_gain, unobservable_subspace
 
 SETTLING = 1000  # samples after which the Riccati equation is asked where a covariance has not settled
@@ -133,7 +133,7 @@ def _in_cheaper_states(modes: Modes, drive: np.ndarray, start: PassStart) -> tup
     T, inverse = found
     cov = inverse @ start.cov @ inverse.T
     start = replace(start, mean=inverse @ start.mean, cov=(cov + cov.T) / 2, scale=np.sqrt(np.diagonal(cov)))
-    return in_states(modes, T, inverse), drive @ inverse.T if any(drive.strides) else drive, start
+    return in_states(modes, T, inverse), drive @ inverse.T if is_driven(drive) else drive, start
 
 
 def _start(
@@ -240,6 +240,7 @@ class _Recorder:
     def __init__(self, n_samples: int, n: int, n_y: int) -> None:
         self.predicted = np.empty((n_samples, n))
         self.innovations = np.empty((n_samples, n_y))
+        self.nis = np.empty(n_samples)
         self.index = np.empty(n_samples, dtype=np.int64)
         self.parts: list[KalmanSteps] = []
         self.mode: list[np.ndarray] = []
@@ -379,6 +380,8 @@ def _stationary_phase(
         one = slice(begin, begin + 1)
         now = (plan.matrices, modes.index[one], z[one], drive[one], M[:, :1], target.predicted_cov)
         recorder.add(kalman_steps(*now, details=plan.details), np.array([mode]), begin, end - begin)
+    white = recorder.innovations[block] @ recorder.parts[-1].whitening[-1].T
+    recorder.nis[block] = np.einsum("ky,ky->k", white, white)
     if recorder.stationary_from is None:
         recorder.stationary_from = begin - plan.is_last_stationary
     A = _decay(recorder, target.closed_loop, M[:, 1:], end - begin, scale)
@@ -433,6 +436,7 @@ def _transient(
     count = steps.predicted.shape[0]
     done = slice(begin, begin + count)
     recorder.predicted[done], recorder.innovations[done] = steps.predicted, steps.innovations
+    recorder.nis[done] = steps.nis
     recorder.add(steps, index[done], begin, count)
     if columns > 1:
         recorder.sensitivity.append(steps.sensitivity)
@@ -460,6 +464,7 @@ def _as_pass(recorder: _Recorder, modes: Modes, start: PassStart) -> FilterPass:
         modes=modes,
         predicted=recorder.predicted,
         innovations=recorder.innovations,
+        nis=recorder.nis,
         index=recorder.index,
         cov=recorder.all("cov"),
         innovation_cov=recorder.all("innovation_cov"),
@@ -499,7 +504,7 @@ def _assemble(
         innovation_cov=innovation_cov,
         nis=nis,
         nis_dof=dof,
-        log_likelihood=_log_likelihood(forward, flat, start, None if forward.sensitivity.size else nis),
+        log_likelihood=_log_likelihood(forward, flat, start),
         stationary_from=forward.stationary_from,
         observed=start.observed,
         forward=forward,
@@ -557,9 +562,10 @@ def _innovations(
         -forward.innovation_sensitivity, before, np.ones(n_y),
     )  # fmt: skip
     is_corrected = sequence.cov.distinct is not forward.innovation_cov
-    root = whitening(sequence.cov.distinct) if is_corrected else forward.whitening
-    white = by_index(root, sequence.cov.index, sequence.mean)
-    nis = np.einsum("ky,ky->k", white, white)
+    nis = forward.nis
+    if is_corrected:
+        white = by_index(whitening(sequence.cov.distinct), sequence.cov.index, sequence.mean)
+        nis = np.einsum("ky,ky->k", white, white)
     dof = modes.present.sum(axis=1)[modes.index]
     if np.all(modes.present) and not sequence.free.distinct.shape[2]:
         return sequence.mean, sequence.cov, nis, dof
@@ -571,24 +577,19 @@ def _innovations(
         open_ = seen > FREE_TOLERANCE * (np.abs(rows) @ scale)
         hidden[:n_kept] |= open_
         dof[:n_kept][np.any(open_, axis=1)] = 0
-    nis[dof == 0] = np.nan
+    nis = np.where(dof == 0, np.nan, nis)
     sequence.mean[hidden] = np.nan
     return sequence.mean, sequence.cov, nis, dof
 
 
 def _log_likelihood(
-    forward: FilterPass, flat: FlatStart, start: PassStart, nis: np.ndarray | None = None
+    forward: FilterPass, flat: FlatStart, start: PassStart
 ) -> float:
     """log p(y), or log ∫ p(y | x0) dx0 over the determined unknown states (density one per unit of the
     state)."""
-    white = forward.whitening
-    if nis is None:
-        scaled = by_index(white, forward.index, forward.innovations)
-        squares = np.einsum("ky,ky", scaled, scaled)
-    else:
-        squares = np.nansum(nis)
-    log_root = np.sum(np.log(np.diagonal(white, axis1=1, axis2=2)), axis=1)
-    counts = np.bincount(forward.index, minlength=white.shape[0])
+    squares = np.sum(forward.nis)
+    log_root = np.sum(np.log(np.diagonal(forward.whitening, axis1=1, axis2=2)), axis=1)
+    counts = np.bincount(forward.index, minlength=log_root.size)
     n_present = int(counts @ forward.modes.present[forward.mode].sum(axis=1))
     value = counts @ log_root - 0.5 * (squares + n_present * np.log(2 * np.pi))
     if forward.n_observable == 0:

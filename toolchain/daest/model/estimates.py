@@ -159,6 +159,7 @@ class FilterPass:
     modes: Modes
     predicted: np.ndarray  # m, (n_samples, n)
     innovations: np.ndarray  # ν, (n_samples, n_y), zero where a sample is missing
+    nis: np.ndarray  # νᵀ S⁻¹ ν, (n_samples,)
     index: np.ndarray  # (n_samples,)
     cov: np.ndarray  # P[k|k-1] for known δ, (n_distinct, n, n)
     innovation_cov: np.ndarray  # S, (n_distinct, n_y, n_y); unit rows where an output is missing

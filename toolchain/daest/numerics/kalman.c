@@ -387,10 +387,10 @@ INLINE int settled(settling_t *s, double change, double limit)
 
 /* See `daest_kalman`. */
 INLINE long run(const long n, const long n_y, const model_t *g, long n_samples, const long long *mode,
-                const long long *long_after, const double *z, const double *drive, const double *target,
+                const char *long_after, const double *z, const double *drive, const double *target,
                 const char *has_target, double limit, int hessenberg, double *M, double *P, double *predicted,
-                double *nu, double *A, double *S, double *white, double *gain, double *cov, double *filter_gain,
-                double *filtered_cov, double *work)
+                double *nu, double *A, double *S, double *white, double *gain, double *nis, double *cov,
+                double *filter_gain, double *filtered_cov, double *work)
 {
     const long columns = g->columns, size = n + g->n_w;
     double *Phit = work, *after = Phit + n * n, *rest = after + n * n, *F = rest + n * n, *Ft = F + n * n;
@@ -433,6 +433,11 @@ INLINE long run(const long n, const long n_y, const model_t *g, long n_samples, 
                 seen[c * n_y + y] = c ? -sum : z[k * n_y + y] - sum;
             }
         memcpy(nu + k * n_y, seen, n_y * sizeof(double));
+        nis[k] = 0.0;
+        for (long y = 0; y < n_y; y++) {
+            const double one = dot(n_y, white + (k * n_y + y) * n_y, seen);
+            nis[k] += one * one;
+        }
         memcpy(predicted + k * n, mean, n * sizeof(double));
         if (A) transposed(n, columns - 1, mean + n, A + k * n * (columns - 1));
 
@@ -476,7 +481,8 @@ INLINE long run(const long n, const long n_y, const model_t *g, long n_samples, 
             }
         }
         transposed(n, n_y, Gt, gain + k * n * n_y);
-        for (long i = 0; i < n; i++) mean[i] += drive[k * n + i];
+        if (drive)
+            for (long i = 0; i < n; i++) mean[i] += drive[k * n + i];
         if (!isfinite(found[0])) return -1 - k;
 
         int is_steady = 0;
@@ -532,14 +538,14 @@ void daest_constant(long n, long n_y, long n_samples, const double *F, const dou
    after the first sample whose covariance is stationary to `limit`, in standard deviations: that of `target` where the
    mode has one, else the limit of the sequence. `long_after`: samples that begin enough others of their mode.
    `hessenberg`: every Phi is upper Hessenberg. Results by sample: predicted (n), nu (n_y), A (n, columns - 1), S,
-   white = L^-1, gain (n, n_y), and unless NULL cov, and filter_gain (n + n_w, n_y) and filtered_cov of (x, w). Returns
+   white = L^-1, gain (n, n_y), nis = nu' S^-1 nu, and unless NULL cov, and filter_gain (n + n_w, n_y) and filtered_cov of (x, w). Returns
    the number of samples done, and -1 - k where S or P of sample k has no root. */
 long daest_kalman(long n, long n_y, long n_w, long columns, long n_samples, const long long *mode,
-                  const long long *long_after, const double *Phi, const double *C, const double *Q,
+                  const char *long_after, const double *Phi, const double *C, const double *Q,
                   const double *S12, const double *R, const double *Qw, const double *Ne, const double *z,
                   const double *drive, const double *target, const char *has_target, double limit,
                   long hessenberg, double *M, double *P, double *predicted, double *nu, double *A, double *S,
-                  double *white, double *gain, double *cov, double *filter_gain, double *filtered_cov)
+                  double *white, double *gain, double *nis, double *cov, double *filter_gain, double *filtered_cov)
 {
     const model_t g = {n_y, n_w, columns, Phi, C, Q, S12, R, Qw, Ne};
     const long rows = 11 * n_y + 3 * columns + 1;
@@ -548,7 +554,7 @@ long daest_kalman(long n, long n_y, long n_w, long columns, long n_samples, cons
     if (work == NULL) return 0;
 #define RUN(N, Y)                                                                                                 \
     done = run(N, Y, &g, n_samples, mode, long_after, z, drive, target, has_target, limit, hessenberg != 0, M, P, \
-               predicted, nu, A, S, white, gain, cov, filter_gain, filtered_cov, work)
+               predicted, nu, A, S, white, gain, nis, cov, filter_gain, filtered_cov, work)
 #ifdef CONSTANT
     if (n == CONSTANT && n_y == 1) RUN(CONSTANT, 1);
     else if (n == CONSTANT && n_y == 2) RUN(CONSTANT, 2);

@@ -61,7 +61,7 @@ class Stop:
 @dataclass(frozen=True)
 class KalmanSteps:
     """The samples that were done (n_done): mean (n) of the prediction, innovations (n_y), sensitivity
-    (n, n_columns - 1) of the prediction to the start, S, L⁻¹ of S = L Lᵀ, gain (n, n_y); with details also
+    (n, n_columns - 1) of the prediction to the start, S, L⁻¹ of S = L Lᵀ, gain (n, n_y), νᵀ S⁻¹ ν; with details also
     the covariance (n, n) of the prediction, and gain (n + n_w, n_y) and covariance of (x, w̄) after the
     outputs. `after` (n, n_columns) and `after_cov` are the prediction that follows. `failed`: the sample
     whose S has no root; `is_stationary`: the last sample ended the pass."""
@@ -72,6 +72,7 @@ class KalmanSteps:
     innovation_cov: np.ndarray
     whitening: np.ndarray
     gain: np.ndarray
+    nis: np.ndarray
     cov: np.ndarray | None
     filter_gain: np.ndarray | None
     filtered_cov: np.ndarray | None
@@ -99,7 +100,7 @@ def kalman_steps(
     """
     (n_samples, n_y), n, n_w = z.shape, cov.shape[0], matrices.noise_cov.shape[1]
     size, columns = n + n_w, start.shape[1]
-    shapes = [(n,), (n_y,), (n, columns - 1), (n_y, n_y), (n_y, n_y), (n, n_y)]
+    shapes = [(n,), (n_y,), (n, columns - 1), (n_y, n_y), (n_y, n_y), (n, n_y), ()]
     more = [(n, n), (size, n_y), (size, size)] if details else []
     results = [np.empty((n_samples, *shape)) for shape in (*shapes, *more)]
     after, after_cov = (np.array(part, dtype=float, order="C") for part in (start, cov))
@@ -109,10 +110,8 @@ def kalman_steps(
     done = run(matrices, mode, z, drive, after, after_cov, results, stop)
     failed = None if done >= 0 else -1 - done
     count = done if failed is None else failed
-    one, two, three, four, five, six, *rest = (part[:count] for part in results)
-    seven, eight, nine = rest if details else (None, None, None)
-    rest_of = (after, after_cov, failed, 0 <= done < n_samples)
-    return KalmanSteps(one, two, three, four, five, six, seven, eight, nine, *rest_of)
+    found = [part[:count] for part in results] + [None] * (0 if details else 3)
+    return KalmanSteps(*found, after, after_cov, failed, 0 <= done < n_samples)
 
 
 def _compiled(
@@ -129,10 +128,11 @@ def _compiled(
     (n_samples, n_y), (n, columns) = z.shape, start.shape
     known = np.zeros(len(matrices.transition), dtype=np.int8)
     known[: stop.known.size] = stop.known
-    whole = [np.ascontiguousarray(part, dtype=np.int64) for part in (mode, stop.after)]
-    signals = [np.ascontiguousarray(part, dtype=float) for part in (z, drive, stop.targets)]
+    whole = np.ascontiguousarray(mode, dtype=np.int64), np.ascontiguousarray(stop.after, dtype=np.int8)
+    forces = np.ascontiguousarray(drive) if is_driven(drive) else None
+    signals = np.ascontiguousarray(z, dtype=float), forces, np.ascontiguousarray(stop.targets, dtype=float)
     parts = matrices.contiguous()
-    outputs: list[np.ndarray | None] = [*results, *([None] * (9 - len(results)))]
+    outputs: list[np.ndarray | None] = [*results, *([None] * (10 - len(results)))]
     if columns == 1:
         outputs[2] = None
     sizes = (n, n_y, matrices.noise_cov.shape[1], columns, n_samples)
@@ -156,7 +156,7 @@ def _interpreted(
     results: list[np.ndarray],
     stop: Stop,
 ) -> int:
-    predicted, innovations, sensitivity, S_all, white_all, gain_all, *details = results
+    predicted, innovations, sensitivity, S_all, white_all, gain_all, nis, *details = results
     settling, is_steady = _Settling(stop.limit), False
     for k, m in enumerate(mode):
         Phi, C, Q, S12, R, *_ = (part[m] for part in matrices.arrays())
@@ -171,6 +171,7 @@ def _interpreted(
         seen = -C @ start
         seen[:, 0] += z[k]
         innovations[k], S_all[k], white_all[k], gain_all[k] = seen[:, 0], S, white, gain
+        nis[k] = np.sum((white @ seen[:, 0]) ** 2)
         if details:
             details[0][k] = cov
             _filtered(matrices, m, cov, PC, white, details[1][k], details[2][k])
@@ -213,8 +214,7 @@ def constant_gain(
         states = linear_recursion(closed, total, start)
         return states[:-1], z - states[:-1] @ output.T, states[-1]
     predicted, innovations = np.empty((n_samples, n)), np.empty((n_samples, n_y))
-    is_driven = any(drive.strides) or bool(np.any(drive[:1]))
-    signals = [np.ascontiguousarray(z), np.ascontiguousarray(drive) if is_driven else None]
+    signals = [np.ascontiguousarray(z), np.ascontiguousarray(drive) if is_driven(drive) else None]
     after = np.array(start, dtype=float)
     parts = [np.ascontiguousarray(part, dtype=float) for part in (closed, gain, output)]
     library.daest_constant(
@@ -222,6 +222,11 @@ def constant_gain(
         *map(_pointer, (*parts, *signals, after, predicted, innovations)),
     )
     return predicted, innovations, after
+
+
+def is_driven(drive: np.ndarray) -> bool:
+    """Whether a known drive (n_samples, n) is more than one zero for all."""
+    return any(drive.strides) or bool(np.any(drive[:1]))
 
 
 def _filtered(
