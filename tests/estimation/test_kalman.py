@@ -9,7 +9,10 @@ from dense_gaussian import DenseRecord, random_model, simulate_record
 from numpy.testing import assert_allclose
 
 from daest.errors import EXPLANATIONS, EstimationError
+from daest.estimation import kalman
+from daest.estimation.hessenberg import hessenberg_states
 from daest.estimation.kalman import kalman_filter, log_likelihood, steady_sample, unobservable_states
+from daest.estimation.modes import modes_of
 from daest.estimation.stationary import stationary_filter
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
@@ -361,3 +364,42 @@ def test_outputs_without_any_noise_are_refused():
     with pytest.raises(EstimationError) as caught:
         kalman_filter(exact, experiment, InitialState.known(np.zeros(3), 0.0))
     assert caught.value.code == "filter-singular-innovation"
+
+
+@pytest.mark.parametrize("spread", [0.0, 4.0])
+def test_likelihood_of_many_states_is_that_of_the_filter(monkeypatch, spread):
+    """It is computed in other states; units of the states far apart do not harm it."""
+    rng = np.random.default_rng(7)
+    n = 24
+    model = random_model(rng, n, 2, 2, 1)
+    units = 10.0 ** rng.uniform(-spread, spread, n)
+    model = replace(
+        model,
+        transition=units[:, None] * model.transition / units,
+        input_now=units[:, None] * model.input_now,
+        input_next=units[:, None] * model.input_next,
+        drift=units * model.drift,
+        output=model.output / units,
+        process_cov=units[:, None] * model.process_cov * units,
+        cross_cov=0.0 * model.cross_cov,
+        noise_process_cov=model.noise_process_cov * units,
+        noise_measurement_cov=0.0 * model.noise_measurement_cov,
+    )
+    experiment, _ = simulate_record(rng, [model] * 299, 300, units * rng.normal(size=n), 0.1, None)
+    initial = InitialState.known(units * rng.normal(size=n), units)
+    calls = []
+    changed = kalman.in_states
+    monkeypatch.setattr(kalman, "in_states", lambda *given: calls.append(1) or changed(*given))
+    found = log_likelihood(model, experiment, initial)
+    assert calls
+    assert found == pytest.approx(kalman_filter(model, experiment, initial).log_likelihood, rel=1e-11)
+
+
+def test_wide_starts_stay_in_the_states_of_the_model():
+    """What the first sample tells of a wide start would be lost in the rounding of mixed states."""
+    rng = np.random.default_rng(8)
+    model = random_model(rng, 24, 2, 2, 1)
+    model = replace(model, cross_cov=0.0 * model.cross_cov)
+    modes = modes_of([model], np.zeros(200, dtype=int), np.zeros((200, 2)))
+    assert hessenberg_states(modes, np.eye(24), 200) is not None
+    assert hessenberg_states(modes, 1e9 * np.eye(24), 200) is None

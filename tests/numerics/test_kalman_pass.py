@@ -1,5 +1,7 @@
 """Compiled Kalman steps are those in numpy, which are the textbook's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -58,6 +60,24 @@ def test_compiled_steps_are_those_of_numpy(monkeypatch, n, n_y, n_w, columns, de
             assert np.max(np.abs(found - value), initial=0.0) <= 1e-11 * np.max(np.abs(value), initial=1.0)
 
 
+@pytest.mark.parametrize("n", [10, 16, 20, 25, 47, 100])
+def test_hessenberg_steps_are_those_of_any_matrix(n):
+    """Without correlated noises, and from a start that leaves the exact steps for outputs that tell much."""
+    rng = np.random.default_rng(n)
+    some = drawn(n, 2, 1, 2)
+    matrices = replace(some, transition=np.triu(some.transition, -1), cross_cov=0.0 * some.cross_cov)
+    mode = np.r_[np.zeros(30, dtype=np.int64), rng.integers(0, 2, 30)]
+    signals = rng.standard_normal((60, 2)), rng.standard_normal((60, n))
+    start = rng.standard_normal((n, 1)), np.diag(10.0 ** rng.uniform(-3, 5, n))
+    found, expected = (
+        kalman_steps(replace(matrices, is_hessenberg=told), mode, *signals, *start, details=False)
+        for told in (True, False)
+    )
+    for name in ("innovations", "innovation_cov", "gain", "nis", "after", "after_cov"):
+        one, other = getattr(found, name), getattr(expected, name)
+        assert np.max(np.abs(one - other)) <= 1e-11 * np.max(np.abs(other)), name
+
+
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("slow", [0.9, 0.999])
 def test_stop_is_as_close_to_the_limit_as_it_says(monkeypatch, compiled, slow):
@@ -102,9 +122,11 @@ def test_constant_gain(monkeypatch, n):
     )
     z, drive, x = rng.standard_normal((300, 2)), rng.standard_normal((300, n)), rng.standard_normal(n)
     for known in (drive, np.broadcast_to(0.0, drive.shape)):
-        found = kalman_pass.constant_gain(closed, gain, output, z, known, x)
+        found = [np.empty((300, n)), np.empty((300, 2))]
+        expected = [np.empty((300, n)), np.empty((300, 2))]
+        found.append(kalman_pass.constant_gain(closed, gain, output, z, known, x, *found))
         with monkeypatch.context() as patch:
             patch.setattr(kalman_pass, "_library", lambda _: None)
-            expected = kalman_pass.constant_gain(closed, gain, output, z, known, x)
+            expected.append(kalman_pass.constant_gain(closed, gain, output, z, known, x, *expected))
         for one, other in zip(found, expected, strict=True):
             assert np.allclose(one, other, rtol=0, atol=1e-12)

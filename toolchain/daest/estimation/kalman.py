@@ -125,7 +125,9 @@ def _pass_over(
     return _forward_pass(modes, z, drive, start, details), start
 
 
-def _in_cheaper_states(modes: Modes, drive: np.ndarray, start: PassStart) -> tuple[Modes, np.ndarray, PassStart]:
+def _in_cheaper_states(
+    modes: Modes, drive: np.ndarray, start: PassStart
+) -> tuple[Modes, np.ndarray, PassStart]:
     """The same pass in states in which a step costs least; its likelihood is the same."""
     found = hessenberg_states(modes, start.cov, drive.shape[0])
     if found is None:
@@ -371,9 +373,9 @@ def _stationary_phase(
     """Samples begin … end - 1 with a constant gain; returns [m A] at `end`."""
     modes, mode = plan.modes, int(plan.modes.index[begin])
     block = slice(begin, end)
-    recorder.predicted[block], recorder.innovations[block], after = constant_gain(
-        target.closed_loop, target.gain, modes.output[mode], z[block], drive[block], M[:, 0]
-    )
+    gains = target.closed_loop, target.gain, modes.output[mode]
+    into = recorder.predicted[block], recorder.innovations[block]
+    after = constant_gain(*gains, z[block], drive[block], M[:, 0], *into)
     if plan.is_last_stationary:
         recorder.index[block] = recorder.n_distinct - 1
     else:
@@ -582,9 +584,7 @@ def _innovations(
     return sequence.mean, sequence.cov, nis, dof
 
 
-def _log_likelihood(
-    forward: FilterPass, flat: FlatStart, start: PassStart
-) -> float:
+def _log_likelihood(forward: FilterPass, flat: FlatStart, start: PassStart) -> float:
     """log p(y), or log ∫ p(y | x0) dx0 over the determined unknown states (density one per unit of the
     state)."""
     squares = np.sum(forward.nis)

@@ -15,6 +15,7 @@ from daest.numerics.recursions import linear_recursion
 
 # A compiled step with these numbers of states has loops of constant length: the common small models.
 CONSTANT = (4,)
+WIDEST_FROM = 32  # states from which on the widest vectors of the processor are filled well enough
 MOST_LOOPED = 16  # states; products over blocks of samples are faster above
 WINDOW = 16  # changes of the covariance that tell how fast they die out, as in kalman.c
 
@@ -61,8 +62,8 @@ class Stop:
 @dataclass(frozen=True)
 class KalmanSteps:
     """The samples that were done (n_done): mean (n) of the prediction, innovations (n_y), sensitivity
-    (n, n_columns - 1) of the prediction to the start, S, L⁻¹ of S = L Lᵀ, gain (n, n_y), νᵀ S⁻¹ ν; with details also
-    the covariance (n, n) of the prediction, and gain (n + n_w, n_y) and covariance of (x, w̄) after the
+    (n, n_columns - 1) of the prediction to the start, S, L⁻¹ of S = L Lᵀ, gain (n, n_y), νᵀ S⁻¹ ν; with details
+    also the covariance (n, n) of the prediction, and gain (n + n_w, n_y) and covariance of (x, w̄) after the
     outputs. `after` (n, n_columns) and `after_cov` are the prediction that follows. `failed`: the sample
     whose S has no root; `is_stationary`: the last sample ended the pass."""
 
@@ -203,17 +204,19 @@ def constant_gain(
     z: np.ndarray,
     drive: np.ndarray,
     start: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Predictions (n_samples, n), innovations (n_samples, n_y) and the state after them of the predictor
-    x ← closed x + gain z + drive, closed = Φ - K C."""
+    predicted: np.ndarray,
+    innovations: np.ndarray,
+) -> np.ndarray:
+    """Predictions (n_samples, n) and innovations (n_samples, n_y), written into the contiguous arrays, of the
+    predictor x ← closed x + gain z + drive, closed = Φ - K C; returns the state after them."""
     (n_samples, n_y), n = z.shape, start.size
     library = _library(n) if n <= MOST_LOOPED else None
     if library is None:
         total = z @ gain.T
         total += drive
         states = linear_recursion(closed, total, start)
-        return states[:-1], z - states[:-1] @ output.T, states[-1]
-    predicted, innovations = np.empty((n_samples, n)), np.empty((n_samples, n_y))
+        predicted[:], innovations[:] = states[:-1], z - states[:-1] @ output.T
+        return np.asarray(states[-1])
     signals = [np.ascontiguousarray(z), np.ascontiguousarray(drive) if is_driven(drive) else None]
     after = np.array(start, dtype=float)
     parts = [np.ascontiguousarray(part, dtype=float) for part in (closed, gain, output)]
@@ -221,7 +224,7 @@ def constant_gain(
         *map(ctypes.c_long, (n, n_y, n_samples)),
         *map(_pointer, (*parts, *signals, after, predicted, innovations)),
     )
-    return predicted, innovations, after
+    return after
 
 
 def is_driven(drive: np.ndarray) -> bool:
@@ -281,7 +284,11 @@ def _library(n: int) -> ctypes.CDLL | None:
     """The compiled steps; None without a C compiler."""
     source = resources.files("daest.numerics").joinpath("kalman.c").read_text(encoding="utf-8")
     # As fast as -O3, since loops over tiles are written out, and compiled in a third of its time.
-    flags = ("-O2", *processor_flags(widest=True), *((f"-DCONSTANT={n}",) if n in CONSTANT else ()))
+    flags = (
+        "-O2",
+        *processor_flags(widest=n >= WIDEST_FROM),
+        *((f"-DCONSTANT={n}",) if n in CONSTANT else ()),
+    )
     try:
         library = ctypes.CDLL(str(build_shared(source, "kalman", flags)))
     except FmuError as error:
