@@ -538,8 +538,8 @@ void daest_constant(long n, long n_y, long n_samples, const double *F, const dou
    after the first sample whose covariance is stationary to `limit`, in standard deviations: that of `target` where the
    mode has one, else the limit of the sequence. `long_after`: samples that begin enough others of their mode.
    `hessenberg`: every Phi is upper Hessenberg. Results by sample: predicted (n), nu (n_y), A (n, columns - 1), S,
-   white = L^-1, gain (n, n_y), nis = nu' S^-1 nu, and unless NULL cov, and filter_gain (n + n_w, n_y) and filtered_cov of (x, w). Returns
-   the number of samples done, and -1 - k where S or P of sample k has no root. */
+   white = L^-1, gain (n, n_y), nis = nu' S^-1 nu, and unless NULL cov, and filter_gain (n + n_w, n_y) and filtered_cov
+   of (x, w). Returns the number of samples done, and -1 - k where S or P of sample k has no root. */
 long daest_kalman(long n, long n_y, long n_w, long columns, long n_samples, const long long *mode,
                   const char *long_after, const double *Phi, const double *C, const double *Q,
                   const double *S12, const double *R, const double *Qw, const double *Ne, const double *z,
