@@ -64,8 +64,8 @@ class KalmanSteps:
     """The samples that were done (n_done): mean (n) of the prediction, innovations (n_y), sensitivity
     (n, n_columns - 1) of the prediction to the start, S, L⁻¹ of S = L Lᵀ, gain (n, n_y), νᵀ S⁻¹ ν; with
     details also the covariance (n, n) of the prediction, and gain (n + n_w, n_y) and covariance of (x, w̄)
-    after the outputs. `after` (n, n_columns) and `after_cov` are the prediction that follows. `failed`: the sample
-    whose S has no root; `is_stationary`: the last sample ended the pass."""
+    after the outputs. `after` (n, n_columns) and `after_cov` are the prediction that follows. `failed`: the
+    sample whose S has no root; `is_stationary`: the last sample ended the pass."""
 
     predicted: np.ndarray
     innovations: np.ndarray
