@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 
 import numpy as np
@@ -33,7 +33,7 @@ class StepMatrices:
     measurement_cov: np.ndarray
     noise_cov: np.ndarray
     noise_measurement_cov: np.ndarray
-    is_hessenberg: bool = False
+    is_hessenberg: bool = field(default=False, kw_only=True)
 
     def arrays(self) -> tuple[np.ndarray, ...]:
         """The matrices of all modes in this order."""
@@ -111,8 +111,10 @@ def kalman_steps(
     done = run(matrices, mode, z, drive, after, after_cov, results, stop)
     failed = None if done >= 0 else -1 - done
     count = done if failed is None else failed
-    found = [part[:count] for part in results] + [None] * (0 if details else 3)
-    return KalmanSteps(*found, after, after_cov, failed, 0 <= done < n_samples)
+    one, two, three, four, five, six, seven, *rest = (part[:count] for part in results)
+    eight, nine, ten = rest if details else (None, None, None)
+    rest_of = (after, after_cov, failed, 0 <= done < n_samples)
+    return KalmanSteps(one, two, three, four, five, six, seven, eight, nine, ten, *rest_of)
 
 
 def _compiled(
