@@ -8,17 +8,17 @@ from typing import Any
 
 import casadi as ca
 
-from daest.errors import ModelError, Place
+from daest.errors import Place
 from daest.model.events import Events
 from daest.model.flat import FlatModel
 from daest.model.parts import Equation, Variable
 from daest.modelica import syntax as s
 from daest.modelica import values as v
 from daest.modelica.balance import unbalanced
+from daest.modelica.clocks import without_clocks
 from daest.modelica.connectors import without_empty_members
 from daest.modelica.events import Kept, finished, kept
 from daest.modelica.expressions import refusal
-from daest.modelica.failures import CLOCKED_REMEDY
 from daest.modelica.functions import run_algorithm
 from daest.modelica.metadata import derived_of, noise_of, output_of, parameter_of, start_rows, variable_of
 from daest.modelica.parameters import (
@@ -60,9 +60,8 @@ class _Parts:
 
 def assemble(source: s.FlatSource, file: str) -> FlatModel:
     """The FlatModel of a flat source. Raises ModelError with place and remedy."""
-    source = without_empty_members(with_settled_parameters(source))
+    source = without_clocks(without_empty_members(with_settled_parameters(source)))
     reading = Reading(source)
-    _refuse_clocks(reading)
     for what, span in _refused_statements(source):
         raise refusal(what, reading.sources.place(span))
     parameters = sort_parameters(source, reading.numeric, reading.scope, reading.evaluator)
@@ -85,18 +84,6 @@ def assemble(source: s.FlatSource, file: str) -> FlatModel:
         derivatives=_column(declared.derivatives),
     )
     return _flat_model(parts, file)
-
-
-def _refuse_clocks(reading: Reading) -> None:
-    """Raises ModelError for the first variable of type Clock."""
-    for variable in reading.source.variables:
-        if variable.type_name == "Clock":
-            raise ModelError(
-                "model-unsupported",
-                f"the model has a clock, `{variable.name}`: clocked equations are not supported",
-                where=reading.declared_at(variable),
-                remedy=CLOCKED_REMEDY.format(period="period"),
-            )
 
 
 def _refused_statements(source: s.FlatSource) -> Iterable[tuple[str, s.Span | None]]:
