@@ -1,10 +1,10 @@
 """Clocked equations as equations with events (Modelica Language Specification 3.6, chapter 16).
 
 Between two ticks of its clock every clocked variable keeps its value. So its equations hold at all times,
-if what they take from outside changes at ticks alone: `sample(u)` becomes a variable that takes the left limit
-of u at a tick, `previous(v)` one that takes that of v, `subSample(v)` one that takes v itself. These are
-assigned in one when-clause, whose ticks are the common raster of all clocks of the model; a counter of these
-ticks tells which clock is active. `hold(v)` is v, which has its start value before the first tick.
+if what they take from outside changes at ticks alone: `sample(u)` becomes a variable that takes the left
+limit of u at a tick, `previous(v)` one that takes that of v, `subSample(v)` one that takes v itself. These
+are assigned in one when-clause, whose ticks are the common raster of all clocks of the model; a counter of
+these ticks tells which clock is active. `hold(v)` is v, which has its start value before the first tick.
 
 Which variables share a clock follows from the equations: what stands in one equation, unless one of the
 operators above lies between, has one clock (16.7), and sub-, super- and shifted clocks bind those of their
@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from fractions import Fraction
-from math import gcd, lcm
+from math import ceil, gcd, lcm
 from typing import Any
 
 from daest.errors import DaestError, ModelError, Place
@@ -412,24 +412,35 @@ class _Translation:
             case "firstTick":
                 return _less(self.tick, first + count)
             case "previous":
-                start = self._start(original)
-                taken: s.Node = s.Conditional(((_less(self.tick, first + 1), start),), before)
-                return self._kept("previous", argument, original, taken, rate, start)
+                return self._previous(argument, original, rate, self._start(original))
             case "sample":
                 at_once = first == 0 and self.raster.start == 0
                 taken = s.Conditional(((_less(self.tick, 1), argument),), before) if at_once else before
                 return self._kept("sampled", argument, original, taken, rate, None)
             case "subSample":
                 return self._kept("sampled", argument, original, argument, rate, None)
-        start = self._start(original)
-        inner = self.partitions.rate(self.partitions.inner[id(call)])
+        return self._shifted(argument, original, rate, self.partitions.rate(self.partitions.inner[id(call)]))
+
+    def _previous(self, argument: s.Node, original: s.Node, rate: Rate, start: s.Node) -> s.Name:
+        _, first = self.raster.counts(rate)
+        before = s.Call("pre", (argument,), builtin=True)
+        taken = s.Conditional(((_less(self.tick, first + 1), start),), before)
+        return self._kept("previous", argument, original, taken, rate, start)
+
+    def _shifted(self, argument: s.Node, original: s.Node, rate: Rate, inner: Rate | None) -> s.Node:
+        """What `argument`, with the clock `inner`, has been for so long as the clock is shifted; where it is
+        shifted to earlier times, what it is. Its start value before its first tick."""
         assert inner is not None
-        if abs(rate[1] - inner[1]) > inner[0]:
-            raise self.partitions._refused(f"`{text(call)}`, a shift of more than one period,", call.span)
-        if rate[1] == inner[1]:
+        shift = (rate[1] - inner[1]) / inner[0]
+        if not shift:
             return argument
-        since = self.raster.counts(inner)[1]
-        taken = s.Conditional(((_less(self.tick, since + 1), start),), before)
+        start, first = self._start(original), self.raster.counts(inner)[1]
+        if shift < 0 and shift.denominator == 1:
+            return s.Conditional(((_less(self.tick, first), start),), argument)
+        for _ in range(ceil(shift) - 1):
+            argument = original = self._previous(argument, original, inner, start)
+        before = s.Call("pre", (argument,), builtin=True)
+        taken = s.Conditional(((_less(self.tick, first + 1), start),), before)
         return self._kept("shifted", argument, original, taken, rate, start)
 
     def _held(self, argument: s.Node, rate: Rate | None) -> s.Node:
@@ -447,7 +458,10 @@ class _Translation:
         return variable.start
 
     def _variable(self, node: s.Node) -> s.FlatVariable | None:
-        return self.partitions.variables.get(node.name) if isinstance(node, s.Name) else None
+        if not isinstance(node, s.Name):
+            return None
+        made = {one.name: one for one in self.variables}
+        return self.partitions.variables.get(node.name) or made.get(node.name)
 
     def _kept(
         self, what: str, argument: s.Node, original: s.Node, taken: s.Node, rate: Rate, start: s.Node | None
