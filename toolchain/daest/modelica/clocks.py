@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from fractions import Fraction
-from math import ceil, gcd, lcm
+from math import gcd, lcm
 from typing import Any
 
 from daest.errors import DaestError, ModelError, Place
@@ -428,17 +428,12 @@ class _Translation:
         return self._kept("previous", argument, original, taken, rate, start)
 
     def _shifted(self, argument: s.Node, original: s.Node, rate: Rate, inner: Rate | None) -> s.Node:
-        """What `argument`, with the clock `inner`, has been for so long as the clock is shifted; where it is
-        shifted to earlier times, what it is. Its start value before its first tick."""
+        """The latest value of `argument`, which has the clock `inner`; its start value before its first tick."""
         assert inner is not None
-        shift = (rate[1] - inner[1]) / inner[0]
-        if not shift:
-            return argument
         start, first = self._start(original), self.raster.counts(inner)[1]
-        if shift < 0 and shift.denominator == 1:
-            return s.Conditional(((_less(self.tick, first), start),), argument)
-        for _ in range(ceil(shift) - 1):
-            argument = original = self._previous(argument, original, inner, start)
+        if ((rate[1] - inner[1]) / inner[0]).denominator == 1:
+            is_later = rate[1] >= inner[1]
+            return argument if is_later else s.Conditional(((_less(self.tick, first), start),), argument)
         before = s.Call("pre", (argument,), builtin=True)
         taken = s.Conditional(((_less(self.tick, first + 1), start),), before)
         return self._kept("shifted", argument, original, taken, rate, start)
@@ -458,10 +453,7 @@ class _Translation:
         return variable.start
 
     def _variable(self, node: s.Node) -> s.FlatVariable | None:
-        if not isinstance(node, s.Name):
-            return None
-        made = {one.name: one for one in self.variables}
-        return self.partitions.variables.get(node.name) or made.get(node.name)
+        return self.partitions.variables.get(node.name) if isinstance(node, s.Name) else None
 
     def _kept(
         self, what: str, argument: s.Node, original: s.Node, taken: s.Node, rate: Rate, start: s.Node | None
