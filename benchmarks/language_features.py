@@ -328,7 +328,14 @@ def features() -> Iterator[Feature]:
     )
     yield Feature(
         area,
-        "clocks (`Clock`, `sample(u)`, `hold`, `previous`)",
+        "clocks (`Clock`, `sample(u)`, `hold`, `previous`, `subSample` …) of known periods",
+        "Clock c = Clock(0.1); Real x(start = 0, fixed = true); Real a; Real n(start = 0);\n"
+        "equation der(x) = 1; when c then a = sample(x); n = previous(n) + a; end when;\n",
+        (("n", 0.25, 0.3),),
+    )
+    yield Feature(
+        area,
+        "`Clock(…)` in place of a clock's name, clocks that tick at events",
         "Real x(start = 0, fixed = true); Real y; Real u; equation der(x) = u; y = sample(x, Clock(0.1));\n"
         "u = hold(y) + 1;",
         (),

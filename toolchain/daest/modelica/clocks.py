@@ -428,7 +428,7 @@ class _Translation:
         return self._kept("previous", argument, original, taken, rate, start)
 
     def _shifted(self, argument: s.Node, original: s.Node, rate: Rate, inner: Rate | None) -> s.Node:
-        """The latest value of `argument`, which has the clock `inner`; its start value before its first tick."""
+        """The latest value of `argument`, whose clock is `inner`; its start value before its first tick."""
         assert inner is not None
         start, first = self._start(original), self.raster.counts(inner)[1]
         if ((rate[1] - inner[1]) / inner[0]).denominator == 1:

@@ -562,6 +562,10 @@ CLOCKED_REMEDY = (
     "keeps its value between samples; or take Modelica.Blocks.Discrete; or export the model by your own "
     "tool as an FMU, which all commands take."
 )
+_CLOCK_FORM = (
+    "Declare the clock, `Clock c = Clock({period});`, and write the clocked equations inside of "
+    "`when c then … end when;` or with sample(x, c) as the whole right side of an equation. "
+)
 _CLOCKED = ("Clock", "previous", "subSample", "superSample", "shiftSample", "backSample", "noClock")
 
 
@@ -580,9 +584,9 @@ def _clocked(message: str, path: Path, text: bytes, class_name: str) -> ModelErr
     periods = [found[i + 2].text for i in calls if found[i].text == "Clock" and found[i + 2].kind == "number"]
     return ModelError(
         "model-unsupported",
-        f"`{found[calls[0]].text}(…)`: equations on a clock are not supported",
+        f"`{found[calls[0]].text}(…)`: equations on a clock are not supported in this form",
         where=place_of(str(path), text, found[calls[0]].start),
-        remedy=CLOCKED_REMEDY.format(period=periods[0] if periods else "period"),
+        remedy=(_CLOCK_FORM + "Or: " + CLOCKED_REMEDY).format(period=periods[0] if periods else "period"),
     )
 
 
