@@ -1,12 +1,9 @@
 """Clocked equations against closed forms and exact discretisation."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from daest.errors import ModelError
-from daest.modelica.compile import compile_text
 from daest.systems.integrate import integrate, integrator
 from daest.systems.modes import in_starting_mode
 from daest.systems.reduce import reduce_index
@@ -51,13 +48,9 @@ end Loop;
 """
 
 
-def compiled(text, name):
-    return compile_text(text.encode(), Path(f"{name}.mo"), name)
-
-
-def test_operators():
+def test_operators(compiled):
     time = np.concatenate([[0.0], np.arange(0.025, 1.0, 0.05)])
-    found = simulate(compiled(OPERATORS, "Operators"), (time, np.zeros((time.size, 0)))).outputs
+    found = simulate(compiled(OPERATORS), (time, np.zeros((time.size, 0)))).outputs
     tick, half_tick = np.floor(time / 0.1 + 1e-9), np.floor((time - 0.05) / 0.1 + 1e-9)
     slow = 3 * np.floor(tick / 3) + 1
     expected = [
@@ -86,15 +79,15 @@ def exact(time, k, Ti):
     return np.array(states)
 
 
-def test_a_loop_is_its_exact_discretisation():
+def test_a_loop_is_its_exact_discretisation(compiled):
     time = np.arange(0.0, 3.01, 0.05)
-    found = simulate(compiled(LOOP, "Loop"), (time, np.zeros((time.size, 0))), rtol=1e-10)
+    found = simulate(compiled(LOOP), (time, np.zeros((time.size, 0))), rtol=1e-10)
     np.testing.assert_allclose(found["y"], exact(time, 0.5, 0.3), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("parameter", ["k", "Ti"])
-def test_sensitivities_of_a_clocked_loop(parameter):
-    explicit = reduce_index(in_starting_mode(compiled(LOOP, "Loop")))
+def test_sensitivities_of_a_clocked_loop(compiled, parameter):
+    explicit = reduce_index(in_starting_mode(compiled(LOOP)))
     time = np.arange(0.0, 2.01, 0.05)
     engine, theta = integrator(explicit, [parameter]), explicit.flat.theta_values
     x0 = np.array([{"x": 1.0, "clock_tick": -1.0}.get(name, 0.0) for name in explicit.state_names])
@@ -112,12 +105,12 @@ def test_sensitivities_of_a_clocked_loop(parameter):
         ("a = sample(time, e); b = a; z = b;", "a clock that ticks at events, is not supported"),
     ],
 )
-def test_what_is_refused(equations, told):
+def test_what_is_refused(compiled, equations, told):
     clocks = "Clock c = Clock(0.1); Clock f = Clock(0.1001234567);"
     clocks += " Boolean trigger = time > 0.5; Clock e = Clock(trigger);" * ("e)" in equations)
     names = "Real a, b, z(start = 0); output Real y;"
     text = f"model M\n {names} {clocks}\nequation\n {equations} y = hold(z);\nend M;"
     with pytest.raises(ModelError) as caught:
-        compiled(text, "M")
+        compiled(text)
     assert told in str(caught.value)
     assert caught.value.code == "model-unsupported"

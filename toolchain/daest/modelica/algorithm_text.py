@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from daest.modelica import syntax as s
@@ -158,23 +158,14 @@ class _Names:
 
     def changed(self, node: Any, local: frozenset[str]) -> Any:
         """A statement or expression with the full names; `local` are iterators of loops around it."""
-        if isinstance(node, tuple):
-            return tuple(self.changed(part, local) for part in node)
         if isinstance(node, s.For | s.Comprehension):
             local = local | {name for name, _ in node.iterators}
-        made = self._rebuilt(node, local)
+        made = s.rebuilt(node, lambda part: self.changed(part, local))
         if isinstance(made, s.Name) and made.name not in local:
             return self._full(made)
         if isinstance(made, s.Call) and made.function == DER:
             return replace(made, function="der", builtin=True)
         return made
-
-    def _rebuilt(self, node: Any, local: frozenset[str]) -> Any:
-        if not is_dataclass(node) or isinstance(node, s.Span | s.Constant):
-            return node
-        parts = (self.changed(getattr(node, one.name), local) for one in fields(node))
-        kind: Any = type(node)
-        return kind(*parts)
 
     def _full(self, node: s.Name) -> s.Node:
         name = node.name

@@ -25,13 +25,11 @@ from daest.modelica.failures import CLOCKED_REMEDY
 from daest.modelica.functions import assigned
 from daest.modelica.parameters import is_parameter
 from daest.modelica.reading import Reading
+from daest.modelica.specialise import specialised
 from daest.modelica.text import text
 
-OPERATORS = (
-    "previous", "hold", "subSample", "superSample", "shiftSample", "backSample", "noClock", "interval",
-    "firstTick",
-)  # fmt: skip
-_BOUNDARIES = ("sample", "hold", "subSample", "superSample", "shiftSample", "backSample", "noClock")
+_BETWEEN_CLOCKS = ("hold", "subSample", "superSample", "shiftSample", "backSample", "noClock")
+_OPERATORS = (*_BETWEEN_CLOCKS, "previous", "interval", "firstTick")
 _MOST_TICKS = 1000  # of the raster in the shortest period
 _FINEST = 10**9  # largest denominator of a period that is written as a decimal number [1/s]
 
@@ -44,42 +42,14 @@ def without_clocks(source: s.FlatSource) -> s.FlatSource:
     Raises ModelError `model-unsupported` where a clock ticks at events, has a solver for continuous
     equations, or follows from nothing.
     """
-    clocks = {x.name for x in source.variables if x.type_name == "Clock"}
-    if not clocks and not _has_operators((source.equations, source.algorithms, source.whens)):
-        return source
-    reading = Reading(source)
-    return _Partitions(reading, frozenset(clocks)).read().translated()
-
-
-def _has_operators(node: object) -> bool:
-    return any(call.builtin and call.function in OPERATORS for call in _calls(node))
-
-
-def _calls(node: object) -> Iterator[s.Call]:
-    if isinstance(node, s.Call):
-        yield node
-    if isinstance(node, tuple):
-        for part in node:
-            yield from _calls(part)
-    elif is_dataclass(node):
-        for one in fields(node):
-            if one.name != "span":
-                yield from _calls(getattr(node, one.name))
+    clocks = frozenset(x.name for x in source.variables if x.type_name == "Clock")
+    return _Partitions(Reading(source), clocks).read().translated() if clocks else source
 
 
 def _changed(node: Any, change: Callable[[Any], Any]) -> Any:
     """The tree in which `change` has replaced nodes; it gives None where it leaves a node to its parts."""
     made = change(node)
-    if made is not None:
-        return made
-    if isinstance(node, tuple):
-        return tuple(_changed(part, change) for part in node)
-    if not is_dataclass(node) or isinstance(node, s.Span):
-        return node
-    parts = {one.name: getattr(node, one.name) for one in fields(node) if one.name not in ("span", "bound")}
-    new = {key: _changed(part, change) for key, part in parts.items()}
-    same = all(new[key] is part for key, part in parts.items())
-    return node if same else replace(node, **new)  # type: ignore[type-var]
+    return s.rebuilt(node, lambda part: _changed(part, change)) if made is None else made
 
 
 @dataclass(frozen=True)
@@ -105,9 +75,7 @@ class _Partitions:
     clocked: list[object] = field(default_factory=list)  # nodes whose partitions have a clock
     whens: list[s.When] = field(default_factory=list)  # those that are not on a clock
     equations: list[s.FlatEquation] = field(default_factory=list)
-    inner: dict[int, object] = field(
-        default_factory=dict
-    )  # id of an operator's call -> partition of its argument
+    inner: dict[int, object] = field(default_factory=dict)  # id of a call -> partition of its argument
 
     def __post_init__(self) -> None:
         source = self.reading.source
@@ -149,18 +117,14 @@ class _Partitions:
 
     def _chosen(self, node: s.Node | None) -> s.Node | None:
         """A clock's expression without branches that parameters decide."""
-        while isinstance(node, s.Conditional):
-            branches = [value for condition, value in node.branches if self._number(condition)]
-            node = branches[0] if branches else node.otherwise
-        return node
+        return node and specialised(node, {}, lambda condition: bool(self._number(condition)))
 
     def _take_when(self, when: s.When) -> None:
         condition, body = when.branches[0]
-        span = when.span
-        clock = s.FlatEquation(s.Name("", (), span), condition, "component", "", span)
-        made = [clock, *(self._equation(one, when) for one in _simple(body, self._place(span)))]
-        for one in made[1:]:
-            self._join(id(clock), id(one))
+        self._visit(condition, id(when))
+        made = [self._equation(one, when) for one in _simple(body, self._place(when.span))]
+        for one in made:
+            self._join(id(when), id(one))
         self.equations += made
 
     def _equation(self, statement: s.Statement, when: s.When) -> s.FlatEquation:
@@ -193,16 +157,18 @@ class _Partitions:
             self.clocked.append(owner)
             self._constructed(call, arguments, owner)
             return
-        if function not in _BOUNDARIES or self._is_event_sample(call):
-            if function in OPERATORS:
+        if function not in _BETWEEN_CLOCKS and not self._is_sampling(call):
+            if function in _OPERATORS:
                 self.clocked.append(owner)
             self._visit(arguments, owner)
             return
         argument = ("argument", len(self.inner))
         self.inner[id(call)] = argument
         self._visit(arguments[0], argument)
-        self.clocked += [argument] if function != "sample" else []
-        self.clocked += [owner] if function != "hold" else []
+        if function != "sample":
+            self.clocked.append(argument)
+        if function != "hold":
+            self.clocked.append(owner)
         if function == "sample":
             self._visit(arguments[1:], owner)
         elif function in ("subSample", "superSample"):
@@ -215,11 +181,9 @@ class _Partitions:
             sign = 1 if function == "shiftSample" else -1
             self.relations.append(_Relation(owner, argument, Fraction(1), sign * shift))
 
-    def _is_event_sample(self, call: s.Call) -> bool:
-        """Whether it is sample(start, interval) and not sample(u, clock)."""
-        return (
-            call.function == "sample" and len(call.arguments) == 2 and not self._is_clock(call.arguments[1])
-        )
+    def _is_sampling(self, call: s.Call) -> bool:
+        """Whether it is sample(u) or sample(u, clock), and not sample(start, interval)."""
+        return call.function == "sample" and all(map(self._is_clock, call.arguments[1:]))
 
     def _constructed(self, call: s.Call, arguments: tuple[s.Node, ...], owner: object) -> None:
         if not arguments:
@@ -257,8 +221,8 @@ class _Partitions:
         if other in self.rates:
             self._tell(one, self.rates.pop(other))
 
-    def _tell(self, node: object, rate: Rate) -> bool:
-        """Whether this is new; raises where the clock is another one already."""
+    def _tell(self, node: object, rate: Rate) -> None:
+        """Gives a partition its clock; raises ModelError where it has another one already."""
         known = self.rates.setdefault(self._root(node), rate)
         if known != rate:
             raise ModelError(
@@ -267,7 +231,6 @@ class _Partitions:
                 f"every {_seconds(known)} and every {_seconds(rate)}",
                 remedy="Put superSample, subSample or hold and sample between them.",
             )
-        return False
 
     def rate(self, node: object) -> Rate | None:
         return self.rates.get(self._root(node))
@@ -299,11 +262,7 @@ class _Partitions:
         source = self.reading.source
         raster = _Raster.of(list(self.rates.values()), self._place(None))
         made = _Translation(self, raster)
-        equations = [
-            _changed(one, made.of(id(one)))
-            for one in self.equations
-            if not (self._is_of_clocks(one) or (isinstance(one.left, s.Name) and not one.left.name))
-        ]
+        equations = [_changed(one, made.of(id(one))) for one in self.equations if not self._is_of_clocks(one)]
         algorithms = tuple(_changed(one, made.of(id(one))) for one in source.algorithms)
         whens = [replace(one, branches=_changed(one.branches, made.of(id(one)))) for one in self.whens]
         variables = [self._bound(x, made) for x in source.variables if x.name not in self.clocks]
@@ -389,80 +348,71 @@ class _Translation:
                 raise self.partitions._refused(
                     f"`{text(node)}` on a clock of {float(rate[0]):g} s (a clock with a solver)", node.span
                 )
-            is_sampled = node.function == "sample" and id(node) in self.partitions.inner
-            return self._call(node, owner) if is_sampled or node.function in OPERATORS else None
+            is_clocked = id(node) in self.partitions.inner or node.function in _OPERATORS
+            return self._call(node, owner) if is_clocked else None
 
         return change
 
     def _call(self, call: s.Call, owner: object) -> s.Node:
         original = call.arguments[0]
-        argument = _changed(original, self.of(self.partitions.inner.get(id(call), owner)))
-        rate = self.partitions.rate(owner)
-        match call.function:
-            case "hold":
-                return self._held(argument, self.partitions.rate(self.partitions.inner[id(call)]))
-            case "noClock" | "superSample":
-                return argument
+        inside = self.partitions.inner.get(id(call), owner)
+        argument = _changed(original, self.of(inside))
+        rate, inner = self.partitions.rate(owner), self.partitions.rate(inside)
+        if call.function in ("noClock", "superSample"):
+            return argument
+        if call.function == "hold":
+            assert inner is not None
+            return self._from(self.raster.counts(inner)[1], argument, original) if inner[1] else argument
         assert rate is not None
         count, first = self.raster.counts(rate)
-        before = s.Call("pre", (argument,), builtin=True)
         match call.function:
             case "interval":
                 return s.Constant(float(rate[0]))
             case "firstTick":
                 return _less(self.tick, first + count)
             case "previous":
-                return self._previous(argument, original, rate, self._start(original))
+                return self._left_limit("previous", argument, original, rate, first)
             case "sample":
-                at_once = first == 0 and self.raster.start == 0
-                taken = s.Conditional(((_less(self.tick, 1), argument),), before) if at_once else before
-                return self._kept("sampled", argument, original, taken, rate, None)
+                before: s.Node = s.Call("pre", (argument,), builtin=True)
+                if rate[1] == 0:  # nothing has been before the start
+                    before = s.Conditional(((_less(self.tick, 1), argument),), before)
+                return self._kept("sampled", original, before, rate, None)
             case "subSample":
-                return self._kept("sampled", argument, original, argument, rate, None)
-        return self._shifted(argument, original, rate, self.partitions.rate(self.partitions.inner[id(call)]))
-
-    def _previous(self, argument: s.Node, original: s.Node, rate: Rate, start: s.Node) -> s.Name:
-        _, first = self.raster.counts(rate)
-        before = s.Call("pre", (argument,), builtin=True)
-        taken = s.Conditional(((_less(self.tick, first + 1), start),), before)
-        return self._kept("previous", argument, original, taken, rate, start)
-
-    def _shifted(self, argument: s.Node, original: s.Node, rate: Rate, inner: Rate | None) -> s.Node:
-        """The latest value of `argument`, whose clock is `inner`; its start value before its first tick."""
+                return self._kept("sampled", original, argument, rate, None)
         assert inner is not None
-        start, first = self._start(original), self.raster.counts(inner)[1]
-        if ((rate[1] - inner[1]) / inner[0]).denominator == 1:
-            is_later = rate[1] >= inner[1]
-            return argument if is_later else s.Conditional(((_less(self.tick, first), start),), argument)
-        before = s.Call("pre", (argument,), builtin=True)
-        taken = s.Conditional(((_less(self.tick, first + 1), start),), before)
-        return self._kept("shifted", argument, original, taken, rate, start)
+        return self._shifted(argument, original, rate, inner)
 
-    def _held(self, argument: s.Node, rate: Rate | None) -> s.Node:
-        assert rate is not None
-        _, first = self.raster.counts(rate)
-        if rate[1] == 0:
-            return argument
-        return s.Conditional(((_less(self.tick, first), self._start(argument)),), argument)
+    def _shifted(self, argument: s.Node, original: s.Node, rate: Rate, inner: Rate) -> s.Node:
+        """The latest value of `argument`, whose clock is `inner`; its start value before its first tick."""
+        _, first = self.raster.counts(inner)
+        if ((rate[1] - inner[1]) / inner[0]).denominator != 1:
+            return self._left_limit("shifted", argument, original, rate, first)
+        return argument if rate[1] >= inner[1] else self._from(first, argument, original)
+
+    def _left_limit(self, what: str, argument: s.Node, original: s.Node, rate: Rate, first: int) -> s.Name:
+        """What `argument`, whose first tick is that, has been before a tick."""
+        before = self._from(first + 1, s.Call("pre", (argument,), builtin=True), original)
+        return self._kept(what, original, before, rate, self._start(original))
+
+    def _from(self, first: int, value: s.Node, original: s.Node) -> s.Node:
+        """`value` from a tick of the raster on, the start value of `original` before."""
+        return s.Conditional(((_less(self.tick, first), self._start(original)),), value)
 
     def _start(self, node: s.Node) -> s.Node:
         variable = self._variable(node)
-        if variable is None or variable.start is None:
-            is_boolean = variable is not None and variable.type_name == "Boolean"
-            return s.Constant(False if is_boolean else 0)
-        return variable.start
+        if variable is None:
+            return s.Constant(0)
+        return variable.start or s.Constant(False if variable.type_name == "Boolean" else 0)
 
     def _variable(self, node: s.Node) -> s.FlatVariable | None:
         return self.partitions.variables.get(node.name) if isinstance(node, s.Name) else None
 
-    def _kept(
-        self, what: str, argument: s.Node, original: s.Node, taken: s.Node, rate: Rate, start: s.Node | None
-    ) -> s.Name:
+    def _kept(self, what: str, original: s.Node, taken: s.Node, rate: Rate, start: s.Node | None) -> s.Name:
         """The variable that takes `taken` at the ticks of a clock; one for all places that ask for it."""
         key = (what, text(original), rate)
         if key in self._made:
             return self._made[key]
-        like = self._variable(original) or self._variable(argument)
+        like = self._variable(original)
         count, first = self.raster.counts(rate)
         span = getattr(original, "span", None)
         label = text(original) if isinstance(original, s.Name) else f"signal_{len(self._made)}"
@@ -535,16 +485,10 @@ def _with_numbers(equation: s.FlatEquation) -> s.FlatEquation:
     """The equation with numbers for the iterators of its loops."""
     if not equation.bound:
         return equation
-    numbers = dict(equation.bound)
-
-    def change(node: Any) -> Any:
-        if isinstance(node, s.Name) and node.name in numbers and not node.subscripts:
-            return s.Constant(numbers[node.name], node.span)
-        return None
-
-    return replace(
-        equation, left=_changed(equation.left, change), right=_changed(equation.right, change), bound=()
-    )
+    numbers = {name: s.Constant(value) for name, value in equation.bound}
+    left = specialised(equation.left, numbers, lambda _: None)
+    right = equation.right and specialised(equation.right, numbers, lambda _: None)
+    return replace(equation, left=left, right=right, bound=())
 
 
 def _simple(body: Sequence[s.Statement], where: Place | None) -> Iterator[s.Statement]:

@@ -682,21 +682,14 @@ def _holds_complex(around: _Class, node: Any) -> bool:
 
 def _renamed(node: Any, indices: Mapping[str, str]) -> Any:
     """An expression with iterators by other names."""
-    if isinstance(node, tuple):
-        return tuple(_renamed(one, indices) for one in node)
     if isinstance(node, s.Name) and not node.subscripts and node.name in indices:
         return replace(node, name=indices[node.name])
-    if not is_dataclass(node) or isinstance(node, s.Span | s.Constant):
-        return node
-    kind: Any = type(node)
-    return kind(*(_renamed(getattr(node, one.name), indices) for one in fields(node)))
+    return s.rebuilt(node, lambda part: _renamed(part, indices))
 
 
 def _with_arguments(node: Any, meant: Mapping[str, s.Node]) -> Any:
     """An expression in which names stand for others. Raises _Unclear where an element of what is no reference
     is meant."""
-    if isinstance(node, tuple):
-        return tuple(_with_arguments(one, meant) for one in node)
     if isinstance(node, s.Name):
         first, *members = node.name.split(".")
         subscripts = _with_arguments(node.subscripts, meant)
@@ -711,10 +704,7 @@ def _with_arguments(node: Any, meant: Mapping[str, s.Node]) -> Any:
             return made
         is_bare = isinstance(made, s.Name) and not made.subscripts
         return replace(made, subscripts=subscripts) if is_bare else s.Index(made, subscripts)
-    if not is_dataclass(node) or isinstance(node, s.Span | s.Constant):
-        return node
-    kind: Any = type(node)
-    return kind(*(_with_arguments(getattr(node, one.name), meant) for one in fields(node)))
+    return s.rebuilt(node, lambda part: _with_arguments(part, meant))
 
 
 def _only_assignment(words: Sequence[Token]) -> Sequence[Token] | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
 from typing import Any
 
 from daest.modelica import syntax as s
@@ -23,10 +22,6 @@ def specialised(node: s.Node, known: Mapping[str, s.Node], decide: Decide) -> s.
 
 
 def _replaced(node: Any, known: Mapping[str, s.Node], decide: Decide) -> Any:
-    if isinstance(node, tuple):
-        return tuple(_replaced(part, known, decide) for part in node)
-    if not is_dataclass(node) or isinstance(node, s.Span | s.Constant):
-        return node
     if isinstance(node, s.Name) and not node.subscripts and node.name in known:
         return known[node.name]
     if isinstance(node, s.Conditional):
@@ -39,7 +34,7 @@ def _replaced(node: Any, known: Mapping[str, s.Node], decide: Decide) -> Any:
 
 
 def _rebuilt(node: Any, known: Mapping[str, s.Node], decide: Decide) -> Any:
-    return type(node)(*(_replaced(getattr(node, field.name), known, decide) for field in fields(node)))
+    return s.rebuilt(node, lambda part: _replaced(part, known, decide))
 
 
 def _decided(node: s.Conditional, known: Mapping[str, s.Node], decide: Decide) -> s.Node:

@@ -6,8 +6,9 @@ These are plain values. `adapter` makes them from the compiler's output, `parse`
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, Literal
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,3 +320,13 @@ class FlatSource:
     settled: frozenset[str] = frozenset()  # variables that keep the value that the start gives them
     texts: dict[int, tuple[str, bytes]] = field(default_factory=dict)  # source number -> file name, text
     own: tuple[int, ...] = ()  # the number of the file that was asked for
+
+
+def rebuilt(node: Any, change: Callable[[Any], Any]) -> Any:
+    """A node, statement or tuple of them, with what `change` makes of each of its parts."""
+    if isinstance(node, tuple):
+        return tuple(change(part) for part in node)
+    if not is_dataclass(node) or isinstance(node, Span | Constant):
+        return node
+    kind: Any = type(node)
+    return kind(*(change(getattr(node, one.name)) for one in fields(node)))
