@@ -335,9 +335,17 @@ def features() -> Iterator[Feature]:
     )
     yield Feature(
         area,
-        "`Clock(…)` in place of a clock's name, clocks that tick at events",
-        "Real x(start = 0, fixed = true); Real y; Real u; equation der(x) = u; y = sample(x, Clock(0.1));\n"
-        "u = hold(y) + 1;",
+        "`Clock(…)` in place of a clock's name, `sample(u, c)` inside of an expression, `when Clock() then`",
+        "Real x(start = 0, fixed = true); Real a; Real n(start = 0);\n"
+        "equation der(x) = 1; a = 2*sample(x, Clock(0.1));\n"
+        "when Clock() then n = previous(n) + a/2; end when;\n",
+        (("n", 0.25, 0.3),),
+    )
+    yield Feature(
+        area,
+        "clocks that tick at events",
+        "Real x(start = 0, fixed = true); Real y; Real u; Boolean b = x > 0.5; Clock c = Clock(b);\n"
+        "equation der(x) = u; y = sample(x, c); u = hold(y) + 1;",
         (),
         True,
     )

@@ -85,6 +85,86 @@ def test_a_loop_is_its_exact_discretisation(compiled):
     np.testing.assert_allclose(found["y"], exact(time, 0.5, 0.3), rtol=0, atol=1e-9)
 
 
+FORMS = {
+    "clock in place": """
+  when Clock(0.1) then
+    e = 0.4 - sample(x);
+    i = previous(i) + interval(i)/Ti*e;
+    u = k*(e + i);
+  end when;""",
+    "sample in an expression": """
+  e = 0.4 - sample(x, Clock(period));
+  i = previous(i) + interval(i)/Ti*e;
+  u = k*(e + i);""",
+    "the same clock twice": """
+  e = sample(0.4, Clock(1, 10)) - sample(x, Clock(1, 10));
+  i = previous(i) + interval(i)/Ti*e;
+  u = k*(e + i);""",
+    "a clock that is inferred": """
+  e = 0.4 - sample(x, c);
+  when Clock() then
+    i = previous(i) + interval(i)/Ti*e;
+    u = k*(e + i);
+  end when;""",
+    "a sample without its clock": """
+  u = k*(e + i);
+  e = sample(0.4, c) - sample(x);
+  i = previous(i) + interval(i)/Ti*e;""",
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_loop_in_other_words(compiled, form):
+    clock = "Clock c = Clock(0.1);" if "Clock(" not in FORMS[form].replace("Clock()", "") else ""
+    text = f"""model Loop
+  parameter Real k = 0.5, Ti = 0.3, period = 0.1;
+  {clock}
+  Real x(start = 1, fixed = true), e, i(start = 0), u(start = 0);
+  output Real y = x;
+equation
+  der(x) = hold(u) - x;{FORMS[form]}
+end Loop;
+"""
+    time = np.arange(0.0, 1.01, 0.05)
+    found = simulate(compiled(text), (time, np.zeros((time.size, 0))), rtol=1e-10)
+    np.testing.assert_allclose(found["y"], exact(time, 0.5, 0.3), rtol=0, atol=1e-9)
+
+
+def test_samples_in_declarations_and_blocks(compiled):
+    text = """package P
+  block Controller "A PI controller on the clock of its input"
+    parameter Real k, Ti;
+    input Real e;
+    output Real u = k*(e + i);
+    Real i(start = 0);
+  equation
+    when Clock() then
+      i = previous(i) + interval(i)/Ti*e;
+    end when;
+  end Controller;
+  model Loop "It closes the loop"
+    Controller control(k = 0.5, Ti = 0.3);
+    Real x(start = 1, fixed = true) "state";
+    Real measured(unit = "1") = sample(x, Clock(1, 10)) "sampled";
+    output Real y = x;
+  equation
+    control.e = 0.4 - measured;
+    der(x) = hold(control.u) - x;
+  end Loop;
+end P;
+"""
+    time = np.arange(0.0, 1.01, 0.05)
+    found = simulate(compiled(text, "P.Loop"), (time, np.zeros((time.size, 0))), rtol=1e-10)
+    np.testing.assert_allclose(found["y"], exact(time, 0.5, 0.3), rtol=0, atol=1e-9)
+
+
+def test_a_wrong_name_beside_a_clock_in_place_is_told_where_it_stands(compiled):
+    with pytest.raises(ModelError) as caught:
+        compiled("model M\n  Real y;\nequation\n  y = 2*sample(uu, Clock(0.1));\nend M;\n")
+    assert caught.value.code == "model-unknown-name"
+    assert str(caught.value.where).endswith(":4:16")
+
+
 @pytest.mark.parametrize("parameter", ["k", "Ti"])
 def test_sensitivities_of_a_clocked_loop(compiled, parameter):
     explicit = reduce_index(in_starting_mode(compiled(LOOP)))

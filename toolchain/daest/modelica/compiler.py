@@ -29,6 +29,7 @@ from daest.modelica import syntax as s
 from daest.modelica.algorithm_text import UnknownNames, algorithm_texts, with_algorithms
 from daest.modelica.algorithm_text import hidden as hidden_algorithms
 from daest.modelica.apart import STACK_BYTES, Crash, checked_cache, run_apart, stop, throw_cache_away
+from daest.modelica.clock_names import with_named_clocks
 from daest.modelica.dialect import Names
 from daest.modelica.function_text import (
     FunctionText,
@@ -123,6 +124,20 @@ def compile_source(job: Job) -> s.FlatSource:
 
 
 def _compiled_source(job: Job) -> s.FlatSource:
+    try:
+        return _with_functions(job)
+    except failures.RefusedClock as problem:
+        text = with_named_clocks(job.text)
+        if text == job.text:
+            raise
+        try:
+            source = _with_functions(replace(job, text=text))
+        except ModelError:
+            raise problem from None
+        return replace(source, texts={**source.texts, **dict.fromkeys(source.own, (str(job.path), job.text))})
+
+
+def _with_functions(job: Job) -> s.FlatSource:
     try:
         return _with_refused_functions(job)
     except failures.BeyondCompiler as problem_with_all:

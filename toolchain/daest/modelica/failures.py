@@ -40,6 +40,10 @@ class RefusedAlgorithm(ModelError):
     """The compiler does not take an algorithm section of a model."""
 
 
+class RefusedClock(ModelError):
+    """The compiler does not take an equation on a clock in the form in which it is written."""
+
+
 class Unbalanced(ModelError):
     """Equations and unknowns differ in number, by the compiler's count."""
 
@@ -582,7 +586,7 @@ def _clocked(message: str, path: Path, text: bytes, class_name: str) -> ModelErr
     if not calls:
         return None
     periods = [found[i + 2].text for i in calls if found[i].text == "Clock" and found[i + 2].kind == "number"]
-    return ModelError(
+    return RefusedClock(
         "model-unsupported",
         f"`{found[calls[0]].text}(…)`: equations on a clock are not supported in this form",
         where=place_of(str(path), text, found[calls[0]].start),
