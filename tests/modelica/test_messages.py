@@ -136,18 +136,11 @@ CASES = {
         "`pre`",
         "",
     ),
-    "clock": (
-        "model M\n Real x, y;\nequation\n x = time;\n y = sample(x, Clock(0.1));\nend M;",
+    "clock in a loop": (
+        "model M\n Real x, s[2];\nequation\n x = time;\n for i in 1:2 loop\n"
+        "  s[i] = sample(x, Clock(0.2));\n end for;\nend M;",
         "model-unsupported",
-        (5, 16),
-        "clock",
-        "`when sample(0, 0.1) then",
-    ),
-    "clocked partition": (
-        "model M\n Real x, s, u(start = 0), y;\nequation\n x = time;\n s = sample(x, Clock(0.2));\n"
-        " u = previous(u) + s;\n y = hold(u);\nend M;",
-        "model-unsupported",
-        (5, 16),
+        (6, 20),
         "`Clock(…)`: equations on a clock are not supported",
         "`when sample(0, 0.2) then … end when;` around its equations, there pre(x) for previous(x)",
     ),
