@@ -4,6 +4,10 @@ import numpy as np
 import pytest
 
 from daest.errors import ModelError
+from daest.modelica.balances import balances
+from daest.modelica.effects import find_effect
+from daest.modelica.extend import extend_model
+from daest.modelica.sites import find_site
 from daest.systems.integrate import integrate, integrator
 from daest.systems.modes import in_starting_mode
 from daest.systems.reduce import reduce_index
@@ -194,3 +198,28 @@ def test_what_is_refused(compiled, equations, told):
         compiled(text)
     assert told in str(caught.value)
     assert caught.value.code == "model-unsupported"
+
+
+def test_an_effect_is_written_into_a_model_whose_clock_has_no_name(compiled, tmp_path):
+    """What the clock assigns is no place for a force, and the user's text is found although another one was
+    compiled: also where that comes from the cache."""
+    text = """model Cart
+  input Real r(unit = "m/s");
+  parameter Real m(unit = "kg") = 2;
+  output Real v(unit = "m/s", start = 0, fixed = true);
+  Real u(start = 0);
+equation
+  when Clock(0.1) then
+    u = 3*(sample(r) - sample(v));
+  end when;
+  m*der(v) = hold(u);
+end Cart;
+"""
+    friction = find_effect("Translational.CoulombFriction")
+    for _ in range(2):
+        flat = compiled(text)
+        assert [one.name(flat).partition(":")[2] for one in balances(flat)] == ["v"]
+        place = balances(flat)[0].name(flat)
+        made = extend_model(tmp_path / "Model.mo", "Cart", friction, find_site(flat, place, friction))
+        assert "when Clock(0.1) then" in made.text
+        assert "hold(u)" in made.text

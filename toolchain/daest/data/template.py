@@ -100,7 +100,7 @@ def _parameters(draft: Draft) -> Iterator[str]:
     yield "\n[parameters]  # value; or estimate = true with start, min, max, scale (linear, log, auto)"
     if draft.proposed:
         yield "# The model marks none as unknown. Those with a unit of their own are proposed: please check."
-    for parameter in draft.flat.parameters:
+    for parameter in (p for p in draft.flat.parameters if not p.is_memory):
         shown = "" if parameter.estimate or parameter.name in draft.chosen else "# "
         remark = _remark(parameter.unit, parameter.description)
         yield f"{shown}{_key(parameter.name)} = {_setting(parameter, parameter.name in draft.chosen)}{remark}"

@@ -20,6 +20,7 @@ from daest.estimation.identifiability import (
 )
 from daest.estimation.noise_levels import Ending, average_along
 from daest.estimation.nonlinear_start import consistent_states, fit_initial_states, limits
+from daest.estimation.observer import AverageModel
 from daest.estimation.profile import Searched
 from daest.estimation.result import (
     COLOURED,
@@ -154,9 +155,19 @@ class NonlinearEnds:
             period=common_period(problem.experiments),
             hold=problem.hold,
             notes=tuple(notes),
-            unseen=() if average is None else unseen_directions(average.A, average.C, average.period, names),
+            unseen=() if average is None else _unseen(average, explicit),
         )
         return End(unknowns, values, cov, std_errors(cov, values), bounds, in_z), told
+
+
+def _unseen(average: AverageModel, explicit: Dynamics) -> tuple[str, ...]:
+    """What no output sees. What events assign is left out: it does not evolve as A says."""
+    flat, names = explicit.flat, explicit.state_names
+    changed = () if flat.events is None else flat.events.assignments
+    assigned = {flat.unknowns[one.unknown].name for one in changed if one.unknown >= 0}
+    own = [i for i, name in enumerate(names) if name not in assigned]
+    kept = tuple(names[i] for i in own)
+    return unseen_directions(average.A[np.ix_(own, own)], average.C[:, own], average.period, kept)
 
 
 def _judged_errors(end: Ending) -> tuple[Errors, list[Scores]]:

@@ -67,7 +67,7 @@ def needs_position(domain: Domain) -> bool:
 
 def balances(flat: FlatModel) -> list[Balance]:
     """Rows of the model itself, not of its components, that hold the rate of an unknown and more than
-    that."""
+    that. What events assign has no balance: it stands still between them."""
     rows = [i for i, e in enumerate(flat.equations) if e.kind == "component" and not e.origin]
     if not rows:
         return []
@@ -75,11 +75,12 @@ def balances(flat: FlatModel) -> list[Balance]:
     n = flat.n
     rates, definitions = _rates(slopes, rows, _own_unknowns(flat))
     positions = {rate: variable for variable, rate in rates.items()}
+    assigned = set() if flat.events is None else {one.unknown for one in flat.events.assignments}
     found: list[Balance] = []
     for row in rows:
         if row in definitions:
             continue
-        for variable in range(n):
+        for variable in (one for one in range(n) if one not in assigned):
             at = [n + variable, *([rates[variable]] if variable in rates else [])]
             rate = next((i for i in at if slopes[row, i]), None)
             if rate is not None:

@@ -117,7 +117,7 @@ def compile_source(job: Job) -> s.FlatSource:
         beside = _kept_file(meaning, str(job.path), stamp(sorted(job.path.resolve().parent.glob("*.mo"))))
         kept = _read(beside)
     if kept is not None:
-        return replace(kept, texts={**kept.texts, **{n: (str(job.path), job.text) for n in kept.own}})
+        return replace(kept, texts={**kept.texts, **{n: (str(job.path), kept.texts[n][1]) for n in kept.own}})
     source = _compiled_source(job)
     _write(beside if alone is None or not _needs_no_neighbour(source, job) else alone, source)
     return source
@@ -131,10 +131,10 @@ def _compiled_source(job: Job) -> s.FlatSource:
         if text == job.text:
             raise
         try:
-            source = _with_functions(replace(job, text=text))
+            # Its text stays: all is on the line where the user wrote it, but not at the same byte.
+            return _with_functions(replace(job, text=text))
         except ModelError:
             raise problem from None
-        return replace(source, texts={**source.texts, **dict.fromkeys(source.own, (str(job.path), job.text))})
 
 
 def _with_functions(job: Job) -> s.FlatSource:
