@@ -38,6 +38,7 @@ from daest.model.estimates import FilterOptions, FilterResult
 from daest.model.experiment import DataCheck, Experiment, Simulation
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import Model, with_equations
+from daest.model.holds import Hold
 from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.model.noise import NoiseReport
 from daest.modelica.change import with_outputs, with_values
@@ -48,7 +49,6 @@ from daest.systems import simulate as simulating
 from daest.systems.noise import noise_report
 
 HALF = 0.5
-Hold: TypeAlias = Literal["zoh", "foh"]
 AnyModel: TypeAlias = str | Path | Model
 AnyData: TypeAlias = Any  # a path, DataFrame, Dataset, mapping of arrays, Experiment, or a sequence of those
 

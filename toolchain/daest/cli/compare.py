@@ -32,11 +32,12 @@ from daest.model.defaults import LEAST_NULL_RECORDS
 if TYPE_CHECKING:
     import numpy as np
 
-    from daest.data.project import Hold, Project
+    from daest.data.project import Project
     from daest.diagnosis.trial import Candidate
     from daest.model.comparison import Comparison
     from daest.model.experiment import Experiment
     from daest.model.flat import Model
+    from daest.model.holds import Hold
 
 
 @click.command("compare", epilog=example("daest compare Servo.mo ServoFriction.mo run2.csv"))
@@ -166,9 +167,9 @@ def _candidate(project: Project, source: Path, flat: Model, options: DataOptions
 
     fit = find_fit(project, source, flat)
     if fit is None:
-        hold = options.known_hold(project) or "foh"
+        hold = options.chosen_hold(project, flat)
         return Candidate(flat.name, flat, 0, hold, notes=("no fit found: the values of the model are used",))
-    hold = options.known_hold(project) or fit.document.get("hold") or "foh"
+    hold = options.chosen_hold(project, flat, fit.document)
     return _with_fit(flat, fit.document, hold, (f"fit of {fit.path}", *fit.remarks))
 
 
@@ -183,7 +184,7 @@ def _refitted(
     from daest.cli.identify import identified, keep_fit
     from daest.model.fit import IdentifyOptions
 
-    choice = IdentifyOptions(hold=options.known_hold(project), seed=seed)
+    choice = IdentifyOptions(hold=options.known_hold(project, flat), seed=seed)
     if parameters is not None:
         choice = parameters.among(choice)
     fit = identified(project, source, (), options, choice, flat=flat)

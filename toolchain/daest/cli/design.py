@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from daest.model.design import Criterion, Design, Limits
     from daest.model.experiment import Experiment
     from daest.model.flat import Model
+    from daest.model.holds import Hold
 
 RESULT = "design.json"
 NOT_THERE = "data-unknown-column"  # of recordings that do not hold the reference
@@ -203,7 +204,7 @@ def _task(
         flat = with_settings(fitted(flat, fit.document), settings)
     loop = _loop(wish, model_options, project)
     measured, driven, recordings, played = _recordings(flat, loop, project, files.data, data_options)
-    hold = data_options.known_hold(project) or (fit.document.get("hold") if fit else None) or "foh"
+    hold = data_options.chosen_hold(project, driven, fit.document if fit else None)
     limits = _limits(driven, recordings, wish, hold)
     recorded = _recorded_inputs(driven, played, limits)
     folders = (*model_options.libraries, *project.libraries)
@@ -253,7 +254,7 @@ def _recordings(
     return with_outputs(flat, names), with_outputs(driven, names), recordings, played
 
 
-def _limits(flat: Model, recordings: Sequence[Experiment], wish: Wish, hold: str) -> Limits:
+def _limits(flat: Model, recordings: Sequence[Experiment], wish: Wish, hold: Hold) -> Limits:
     """Limits of the command line, and of the recordings where it gives none. Raises ConfigError
     `design-limits-unknown` or `option-assignment`."""
     from daest.model.design import Limits, Range
@@ -281,7 +282,7 @@ def _limits(flat: Model, recordings: Sequence[Experiment], wish: Wish, hold: str
             remedy="give --length and --period in seconds, or a recording",
         )
     band = (0.0, float("inf")) if wish.band is None else _band(wish.band)
-    return Limits(tuple(inputs), float(length), float(period), safe, band, "zoh" if hold == "zoh" else "foh")
+    return Limits(tuple(inputs), float(length), float(period), safe, band, hold)
 
 
 def _shown(name: str, recordings: Sequence[Experiment]) -> tuple[float, float, float]:

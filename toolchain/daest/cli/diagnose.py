@@ -33,13 +33,14 @@ from daest.errors import DaestError, EstimationError, FmuError, ModelError
 
 if TYPE_CHECKING:
     from daest.cli.results import KeptFit
-    from daest.data.project import Hold, Project
+    from daest.data.project import Project
     from daest.diagnosis.options import DiagnoseOptions
     from daest.diagnosis.written import Written
     from daest.model.diagnosis import Diagnosis
     from daest.model.effects import Effect
     from daest.model.experiment import Experiment
     from daest.model.flat import Model
+    from daest.model.holds import Hold
 
 RESULT = "diagnosis.json"
 KEPT = "diagnosis"  # folder of the refits that are done
@@ -197,7 +198,7 @@ def opened(
         remarks = (*(() if fit is None else fit.remarks), *drive.remarks, *straight)
         binary = b""
     else:
-        names, hold = _named_effects(search, folders), data_choice.known_hold(project)
+        names, hold = _named_effects(search, folders), data_choice.known_hold(project, flat)
         options, remarks = _engine_options(search, names, search.places, hold), ()
         binary = source.read_bytes()
     decisive = (
@@ -255,8 +256,9 @@ def _sufficient(
     """The recordings; coarser, and on straight lines, where they are much finer than their outputs move and
     no period is asked for, with a remark that says so."""
     from daest.data.prepare import is_resampled, resample, sufficient_period
+    from daest.model.holds import FOH, ZOH
 
-    hold = data_choice.known_hold(project)
+    hold = data_choice.known_hold(project, flat)
     if data_choice.preparation(project).period is not None:
         known = hold if is_resampled(estimation[0]) else data_choice.hold or project.hold
         return _Drive(estimation, validation, known)
@@ -272,14 +274,14 @@ def _sufficient(
     )
     note(remark)
 
-    def coarse(held: bool) -> tuple[list[Experiment], list[Experiment]]:
-        return [resample(e, period, held) for e in estimation], [
-            resample(e, period, held) for e in validation
+    def coarse(hold: Hold) -> tuple[list[Experiment], list[Experiment]]:
+        return [resample(e, period, hold) for e in estimation], [
+            resample(e, period, hold) for e in validation
         ]
 
     if hold is not None:
-        return _Drive(*coarse(hold == "zoh"), "foh", remarks=(remark,))
-    return _Drive(*coarse(False), None, coarse(True), (remark,))
+        return _Drive(*coarse(hold), FOH, remarks=(remark,))
+    return _Drive(*coarse(FOH), None, coarse(ZOH), (remark,))
 
 
 def _natural_frequencies(flat: Model) -> list[float]:

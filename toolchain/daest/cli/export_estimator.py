@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from daest.cli.options import gathered
+from daest.cli.options import gathered, hold_form
 from daest.cli.output import emit, keep_inputs, note, whole_file
 from daest.errors import ConfigError
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from daest.fmu.estimator_code import EstimatorModel
     from daest.model.flat import Model
     from daest.model.fmu import EstimatorExport
+    from daest.model.holds import Hold
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class EstimatorOptions:
     is_float: bool = False
     version: Literal["2.0", "3.0"] = "3.0"
     step: float | None = None
-    hold: Literal["zoh", "foh"] | None = None
+    hold: Hold | None = None
 
 
 estimator_options = gathered(
@@ -63,8 +64,10 @@ estimator_options = gathered(
     ),
     click.option(
         "--hold",
-        type=click.Choice(["zoh", "foh"]),
-        help="Inputs between samples: held, or on straight lines (default: as in the fit).",
+        metavar="HOLD",
+        callback=hold_form,
+        help="Inputs between samples: held (zoh), on straight lines (foh), or some held (zoh(NAME, ...)); "
+        "default: as in the fit.",
     ),
 )
 
@@ -95,11 +98,13 @@ def export_estimator(
 ) -> None:
     """Write the estimator of `flat` with its fit, if there is one, and tell what was written."""
     from daest.estimation.estimator import estimator_model
+    from daest.model.holds import FOH, checked_hold
     from daest.report.documents import export as documents
     from daest.report.texts import export as texts
 
     flat, fit = _fitted(project, source, flat)
-    hold = options.hold or project.hold or fit.get("hold") or "foh"
+    names = [one.name for one in flat.inputs]
+    hold = checked_hold(options.hold or project.hold or fit.get("hold"), names, "--hold") or FOH
     period = options.step or fit.get("period")
     if not isinstance(period, int | float):
         raise ConfigError(

@@ -39,11 +39,12 @@ from daest.estimation.filters import FILTERS
 from daest.model.defaults import PARTICLES
 
 if TYPE_CHECKING:
-    from daest.data.project import Hold, Project
+    from daest.data.project import Project
     from daest.estimation.filter_cost import FilterCost, Way
     from daest.model.estimates import FilterOptions, FilterResult
     from daest.model.experiment import Experiment
     from daest.model.flat import Model
+    from daest.model.holds import Hold
 
 ESTIMATES = "estimates.csv"
 LONG = 10.0  # seconds from which on progress is shown
@@ -235,5 +236,5 @@ def _prepared(
             f"a filter runs over one recording, and daest.toml names {len(experiments)}: {names}",
             remedy=f"name one of them: daest filter {(project.validate or project.estimate)[-1]}",
         )
-    hold = options.known_hold(project) or (fit.document.get("hold") if fit else None) or "foh"
+    hold = options.chosen_hold(project, flat, fit.document if fit else None)
     return _Prepared(flat, experiments[0], hold, () if fit is None else fit.remarks)

@@ -28,12 +28,13 @@ from daest.cli.output import note, warn, whole_file
 from daest.errors import ConfigError, DataError, EstimationError, Place
 
 if TYPE_CHECKING:
-    from daest.data.project import Hold, Project
+    from daest.data.project import Project
     from daest.data.stream import LineFormat
     from daest.estimation.online import Memory, OnlineFilter
     from daest.model.estimates import Estimate, Sample
     from daest.model.experiment import Experiment
     from daest.model.flat import Model
+    from daest.model.holds import Hold
 
 TOLD = 10  # bad lines that are told one by one; the rest is counted
 KEEP_EVERY = 1.0  # seconds between two writings of the memory
@@ -295,11 +296,11 @@ def fitted_model(
     fit = find_fit(project, source, flat)
     if fit is None:
         note("no fit found: the parameters and the noise of the model are used")
-        return flat, data_options.known_hold(project) or "foh"
+        return flat, data_options.chosen_hold(project, flat)
     note(f"parameters and noise of {fit.path}")
     for remark in fit.remarks:
         note(remark)
-    return fitted(flat, fit.document), data_options.known_hold(project) or fit.document.get("hold") or "foh"
+    return fitted(flat, fit.document), data_options.chosen_hold(project, flat, fit.document)
 
 
 @contextmanager

@@ -194,7 +194,7 @@ def identified(
         flat = model_options.load(project, source)
     loaded = flat
     flat, estimation, validation = training_data(loaded, project, data, data_options, others=others)
-    options = options or IdentifyOptions(hold=data_options.known_hold(project))
+    options = options or IdentifyOptions(hold=data_options.known_hold(project, flat))
     is_long = bool(options.profile or bootstrap or options.starts > 1)
     with progress() if is_long else nullcontext(silent) as tell:
         result = identify(flat, estimation, options, validation, tell)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from daest.cli.diagnose import Case, Search
     from daest.diagnosis.written import Written
     from daest.model.diagnosis import Improvement, Step
-    from daest.systems.state_space import Hold
+    from daest.model.holds import Hold
 
 FOLDER = "improve"
 LEDGER = "ledger.json"
@@ -173,8 +173,12 @@ def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any
 
 def _unseen(case: Case, hold: Hold | None) -> Case:
     """The case with the validation data of the recordings' hold."""
+    from daest.diagnosis.null import as_recorded
+
     held = case.options.held
-    return case if held is None or hold != "zoh" else replace(case, validation=list(held[1]))
+    if held is None or hold is None:
+        return case
+    return replace(case, validation=list(as_recorded(case.validation, held[1], hold)))
 
 
 def simulated(case: Case, step: Step, written: Written) -> dict[str, float | None] | None:

@@ -99,5 +99,5 @@ def _along(
         )
     options = DataOptions()
     recording = driving_data(flat, project, [data], options)[0]
-    hold = options.known_hold(project) or "foh"
+    hold = options.chosen_hold(project, flat)
     return noise_along(flat, recording, places, hold=hold, tolerance=tolerance)

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from daest.data.prepare import Preparation
-    from daest.data.project import Hold, Project
+    from daest.data.project import Project
     from daest.model.flat import Model
+    from daest.model.holds import Hold
 
 FORMATS = (".png", ".svg", ".pdf")
 
@@ -63,6 +64,15 @@ def example(*lines: str) -> str:
 def one_of(names: Callable[[], Iterable[str]]) -> Callable[..., list[str]]:
     """Completion of an argument that is one of `names()`."""
     return lambda _context, _parameter, begun: [name for name in names() if name.startswith(begun)]
+
+
+def hold_form(_ctx: click.Context, parameter: click.Parameter, given: str | None) -> str | None:
+    """A hold as `daest.model.holds` defines it; whether its names are inputs is seen with the model."""
+    from daest.model.holds import is_hold
+
+    if given is not None and not is_hold(given):
+        raise click.BadParameter(f"'{given}' is none of zoh, foh and zoh(NAME, ...).", param=parameter)
+    return given
 
 
 def _stacked(*decorators: Callable[[Any], Any]) -> Callable[[Command], Command]:
@@ -129,7 +139,7 @@ class DataOptions:
     period: float | None = None
     detrend: Literal["none", "mean", "linear"] | None = None
     split: float | None = None
-    hold: Literal["zoh", "foh"] | None = None
+    hold: Hold | None = None
 
     @property
     def has_window(self) -> bool:
@@ -146,16 +156,29 @@ class DataOptions:
             period=given.period if self.period is None else self.period,
             detrend=given.detrend if self.detrend is None else self.detrend,
             split=given.split if self.split is None else self.split,
-            held=project.hold == "zoh",
+            hold=project.hold,
         )
 
-    def known_hold(self, project: Project) -> Hold | None:
+    def chosen_hold(self, project: Project, flat: Model, fit: Mapping[str, Any] | None = None) -> Hold:
+        """The known hold, else that of the fit, else straight lines. Raises as `known_hold`."""
+        from daest.model.holds import FOH, checked_hold
+
+        kept = None if fit is None else fit.get("hold")
+        names = [one.name for one in flat.inputs]
+        return self.known_hold(project, flat) or checked_hold(kept, names, "the fit") or FOH
+
+    def known_hold(self, project: Project, flat: Model | None = None) -> Hold | None:
         """What the inputs do between samples: the option, else straight lines after resampling (a filtered
         input is no longer held, whatever the original was), else what daest.toml says of the recording; None
-        if unknown."""
-        if self.hold is not None:
-            return self.hold
-        return "foh" if self.preparation(project).period is not None else project.hold
+        if unknown. Raises ConfigError `option-hold` where it names what is no input of `flat`."""
+        from daest.model.holds import FOH, checked_hold
+
+        hold, where = self.hold, "--hold"
+        if hold is None:
+            hold, where = project.hold, "[data] hold in daest.toml"
+        if flat is not None:
+            hold = checked_hold(hold, [one.name for one in flat.inputs], where)
+        return FOH if self.hold is None and self.preparation(project).period is not None else hold
 
 
 _project_option = click.option(
@@ -229,9 +252,11 @@ plot_option = click.option(
 result_options = _stacked(format_option, output_option, plot_option)
 hold_option = click.option(
     "--hold",
-    type=click.Choice(["zoh", "foh"]),
-    help="Inputs between samples: held (zoh), or on straight lines (foh). Default: that of daest.toml or of "
-    "the fit; identify, diagnose and improve take what fits better; otherwise foh.",
+    metavar="HOLD",
+    callback=hold_form,
+    help="Inputs between samples: held (zoh), on straight lines (foh), or those named held and the others "
+    "straight (zoh(NAME, ...)). Default: that of daest.toml or of the fit; identify, diagnose and improve "
+    "take what fits best; otherwise foh.",
 )
 _window_options = (
     click.option("--from", "start", type=float, metavar="TIME", help="Use the recording from here on [s]."),

@@ -14,6 +14,7 @@ import numpy as np
 
 from daest.errors import ConfigError, DataError
 from daest.model.experiment import Experiment
+from daest.model.holds import FOH, ZOH, Hold, held_inputs
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
@@ -55,14 +56,14 @@ Detrend = Literal["none", "mean", "linear"]
 class Preparation:
     """`start`, `stop` (s) cut the recording; `period` (s) resamples it; `detrend` removes mean or trend of
     inputs and outputs; `split` (0 to 1) is the share that is kept for estimation, the rest being
-    validation. `held` tells that the inputs were held between the samples of the recording."""
+    validation. `hold` is what the inputs did between the samples of the recording (None: not known)."""
 
     start: float | None = None
     stop: float | None = None
     period: float | None = None
     detrend: Detrend = "none"
     split: float | None = None
-    held: bool = False
+    hold: Hold | None = None
 
     def __post_init__(self) -> None:
         if self.period is not None and not (np.isfinite(self.period) and self.period > 0):
@@ -99,7 +100,7 @@ def regular_times(time: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
 def prepare(experiment: Experiment, preparation: Preparation) -> Experiment:
     """Resampled and, unless a split follows, detrended; notes say so."""
     if preparation.period is not None:
-        experiment = resample(experiment, preparation.period, preparation.held)
+        experiment = resample(experiment, preparation.period, preparation.hold or FOH)
     return experiment if preparation.split is not None else detrend(experiment, preparation.detrend)
 
 
@@ -206,7 +207,7 @@ def is_resampled(experiment: Experiment) -> bool:
     return any(note.startswith(_RESAMPLED) for note in experiment.notes)
 
 
-def resample(experiment: Experiment, period: float, held: bool = False) -> Experiment:
+def resample(experiment: Experiment, period: float, hold: Hold = FOH) -> Experiment:
     """The recording at `period` seconds, behind one linear-phase low-pass filter for inputs and outputs
     alike.
 
@@ -214,7 +215,7 @@ def resample(experiment: Experiment, period: float, held: bool = False) -> Exper
     signals go through the same filter a linear model that relates them before relates them afterwards.
     Straight lines between samples are smaller than the signal that they stand for, by sinc² of the
     frequency times the period; the samples of the inputs are raised by as much, so that it is the
-    straight lines through them that are the filtered input. Inputs that were `held` come half a period of
+    straight lines through them that are the filtered input. Inputs that `hold` keeps come half a period of
     the recording later than their samples, as the middle of a step does. Samples nearer to an end than
     half the filter are dropped rather than invented. Unevenly sampled records are first interpolated
     linearly on a grid of half their median step. Raises ConfigError `option-resample` if `period` is
@@ -247,8 +248,11 @@ def resample(experiment: Experiment, period: float, held: bool = False) -> Exper
         )
     times = _aligned(even, first, n_new, period)
     weights = _filter_matrix(even.time, times, period, _low_pass)
-    middles = even.time + (0.5 * own if held else 0.0)
-    driving = _filter_matrix(middles, times, period, _low_pass_before_lines)
+    held = held_inputs(hold, even.input_names)
+    straight, kept = (
+        _filter_matrix(even.time + late, times, period, _low_pass_before_lines) for late in (0.0, 0.5 * own)
+    )
+    unused = kept if hold == ZOH else straight
     note = (
         f"{_RESAMPLED} {period:.6g} s behind a linear-phase low-pass filter "
         f"(half gain at {0.5 * CUTOFF / period:.4g} Hz); {half_width:.3g} s dropped at either end"
@@ -256,10 +260,10 @@ def resample(experiment: Experiment, period: float, held: bool = False) -> Exper
     return replace(
         experiment,
         time=times,
-        inputs=_apply(driving, even.inputs),
+        inputs=np.where(held, _apply(kept, even.inputs), _apply(straight, even.inputs)),
         outputs=_apply(weights, even.outputs),
         # What the model does not use yet may become an input.
-        extra={name: _apply(driving, values[:, None])[:, 0] for name, values in even.extra.items()},
+        extra={name: _apply(unused, values[:, None])[:, 0] for name, values in even.extra.items()},
         notes=(*experiment.notes, note),
     )
 

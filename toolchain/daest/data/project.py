@@ -18,12 +18,12 @@ from daest.data.prepare import Preparation
 from daest.data.table import raise_collected
 from daest.errors import ConfigError, DaestError, Place
 from daest.files import FOLDER, why_no_file
+from daest.model.holds import Hold, is_hold
 from daest.model.parts import Prior
 from daest.near import nearest
 
 FILE_NAME = "daest.toml"
 Scale = Literal["auto", "linear", "log"]
-Hold = Literal["zoh", "foh"]
 
 # Section -> key -> what it says. In `parameters` and `noise` the keys are those of one entry.
 KEYS: dict[str, dict[str, str]] = {
@@ -44,7 +44,7 @@ KEYS: dict[str, dict[str, str]] = {
         "to": "time in s up to which it is used",
         "resample": "sampling period in s to resample to, behind a filter against aliasing",
         "detrend": '"none", "mean" or "linear": what is taken off every signal',
-        "hold": '"zoh" or "foh": whether inputs are held or straight lines between samples',
+        "hold": '"zoh", "foh" or "zoh(NAME, ...)": what inputs are held between samples, not straight',
     },
     "parameters": {
         "estimate": "true or false",
@@ -202,7 +202,7 @@ class _Reader:
             time=self._value(data, "data", "time", str, _TEXT),
             units=self._map(data, "units"),
             preparation=preparation,
-            hold=self._choice(data, "data", "hold", ("zoh", "foh")),
+            hold=self._hold(data),
             parameters=parameters,
             process_noise=self._settings(noise, "process", self._process, "noise."),
             measurement_noise=self._settings(noise, "measurement", self._measurement, "noise."),
@@ -345,6 +345,13 @@ class _Reader:
         if value is None or value in choices:
             return value
         self._wrong_type(section, key, "one of " + ", ".join(f'"{choice}"' for choice in choices))
+        return None
+
+    def _hold(self, data: dict[str, Any]) -> Hold | None:
+        value = data.get("hold")
+        if value is None or (isinstance(value, str) and is_hold(value)):
+            return value
+        self._wrong_type("data", "hold", 'one of "zoh", "foh", "zoh(NAME, ...)"')
         return None
 
     def _path(self, entries: dict[str, Any], section: str, key: str) -> Path | None:

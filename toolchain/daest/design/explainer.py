@@ -14,8 +14,8 @@ import numpy as np
 
 from daest.estimation.coordinates import Coordinate, Unknowns
 from daest.estimation.identifiability import covariance
-from daest.model.design import Hold
 from daest.model.flat import Dynamics
+from daest.model.holds import Hold
 from daest.systems.initialize import initial_point
 
 RANK = 1e-10  # singular value of the scaled responses of initial states, relative, below which it is none

@@ -13,8 +13,8 @@ from daest.design.nonlinear_explainer import NonlinearExplainer
 from daest.errors import EstimationError
 from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
 from daest.estimation.setup import known_name
-from daest.model.design import Hold
 from daest.model.flat import Dynamics, ExplicitModel, Model
+from daest.model.holds import Hold
 from daest.systems.integrate import integrator
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import dynamics

@@ -22,6 +22,7 @@ from daest.estimation.records import Record, make_record
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
 from daest.model.flat import Dynamics
+from daest.model.holds import ZOH
 from daest.model.linear import StateSpaceFamily
 from daest.systems.linearize import is_affine_model
 from daest.systems.state_space import state_space, state_space_family
@@ -75,7 +76,7 @@ def affine_trial(candidate: Candidate, experiments: Sequence[Experiment], model:
         log_likelihood=np.nan if predicted is None else -predicted.negative_log_likelihood,
         is_output_error=not np.any(problem.unknowns.intensity),
         known_noise=np.array([o.noise_std is not None for o in family.outputs], dtype=bool),
-        acts_at_once=candidate.hold == "foh" or bool(np.any(state_space(family, theta).D)),
+        acts_at_once=candidate.hold != ZOH or bool(np.any(state_space(family, theta).D)),
         notes=()
         if predicted
         else ("no one-step prediction: the Kalman filter does not settle at these values",),

@@ -57,9 +57,10 @@ from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, FittedParameter, IdentifyOptions
 from daest.model.flat import Model
+from daest.model.holds import Hold
 from daest.model.parts import Parameter, Variable
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import Hold, Run, Trajectory
+from daest.systems.integrate import Run, Trajectory
 from daest.systems.integration import IntegrationError
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import dynamics

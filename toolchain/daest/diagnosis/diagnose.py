@@ -32,6 +32,7 @@ from daest.diagnosis.loads import load_sites
 from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import (
     Null,
+    as_recorded,
     fit_null,
     grown,
     open_hold,
@@ -104,28 +105,19 @@ from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, error_ratios
 from daest.model.flat import FlatModel, Model, with_equations
+from daest.model.holds import Hold, hold_text
 from daest.modelica.sites import sites
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Outcome, Workers, workers
 from daest.numerics.statistics import chi2
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
-from daest.systems.state_space import Hold
 
 TIME_IS_UP = "it was not refitted: the time was up"
 MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve over some variable
-AGAIN: dict[Hold, str] = {
-    "zoh": "with the effect, the inputs are held between the samples after all: once more",
-    "foh": "with the effect, the inputs run straight between the samples after all: once more",
-}
-BACK: dict[Hold, str] = {
-    "zoh": "that says less: on with inputs that are held between the samples",
-    "foh": "that says less: on with inputs that run straight between the samples",
-}
-IN_VAIN: dict[Hold, str] = {
-    "zoh": "nothing was accepted: once more with inputs that are held between the samples",
-    "foh": "nothing was accepted: once more with inputs that run straight between the samples",
-}
+AGAIN = "with the effect, {} after all: once more"
+BACK = "that says less: on as if {}"
+IN_VAIN = "nothing was accepted: once more as if {}"
 DYNAMIC_PARTS = 3  # tasks that the fits of the effects with states are, beside the first refit
 MOST_IN_USE = 3  # trials that lead the screen in open loop
 FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the first is not supported
@@ -165,7 +157,7 @@ def diagnose(
     hold = better or other
     if hold is None or options.is_over:
         return beside_limits(found, stand, limits)
-    progress(AGAIN[hold] if better else IN_VAIN[hold])
+    progress((AGAIN if better else IN_VAIN).format(hold_text(hold)))
     again = replace(options, hold=hold)
     held, held_limits = limited(begin(flat, experiments, validation, again, progress), library, again)
     second = examine(held, library, again, progress)
@@ -248,21 +240,22 @@ def begin(
     """Fit the model as it is, with unknown loads. Raises as `diagnose`."""
     began = time.perf_counter()
     both = _divided(tuple(experiments), tuple(validation))
-    drives: dict[Hold | None, tuple[tuple[Experiment, ...], tuple[Experiment, ...]]] = {}
-    if options.held is not None:
-        drives = {"foh": both, "zoh": _divided(*map(tuple, options.held))}
+    held = None if options.held is None else _divided(*map(tuple, options.held))
     progress("fitting the model as it is, with unknown loads")
 
     def null_of(quiet: FlatModel) -> Null:
-        held = drives["zoh"][0] if drives else None
-        return fit_null(quiet, load_sites(flat), both[0], options.hold, held, options.slowest_load)
+        coarse = None if held is None else held[0]
+        return fit_null(quiet, load_sites(flat), both[0], options.hold, coarse, options.slowest_load)
+
+    def unseen(hold: Hold | None) -> tuple[Experiment, ...]:
+        return both[1] if held is None or hold is None else as_recorded(both[1], held[1], hold)
 
     def unseen_by(null: Null) -> tuple[Experiment, ...]:
-        return drives.get(null.recorded_hold, both)[1]
+        return unseen(null.recorded_hold)
 
     def fitted() -> Stand:
         null, baseline, reference = _fitted(without_noises(flat), null_of, unseen_by)
-        other = drives[null.other_hold][1] if drives and null.other_hold else None
+        other = unseen(null.other_hold) if held is not None and null.other_hold else None
         return Stand(flat, null, baseline, unseen_by(null), began, reference, other)
 
     return replace(options.step("null", (options.hold, options.slowest_load), flat, fitted), began=began)

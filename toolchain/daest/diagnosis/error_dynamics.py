@@ -17,9 +17,10 @@ import numpy as np
 from daest.estimation.observer import AverageModel, jacobians
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel
+from daest.model.holds import Hold
 from daest.numerics.exponential import transition_integrals
 from daest.numerics.recursions import linear_recursion, products_along, varying_recursion
-from daest.systems.integrate import Correction, Hold, Integrator, integrate, integrator
+from daest.systems.integrate import Correction, Integrator, integrate, integrator
 from daest.systems.linearize import has_affine_dynamics
 
 MOST_STATES = 20  # beyond, the sensitivities along a recording take more memory than they are worth

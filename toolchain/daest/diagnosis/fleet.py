@@ -87,8 +87,8 @@ def examine(task: tuple[Recorded, FleetOptions]) -> Machine:
         raise one.error
     assert one.flat is not None and one.experiment is not None
     estimation, validation = split_all([one.experiment], Preparation(split=options.split))
-    hold = options.hold if options.hold in ("zoh", "foh") else None
-    fit = identify(one.flat, estimation, IdentifyOptions(hold=hold, seed=options.seed, jobs=1), validation)  # type: ignore[arg-type]
+    wanted = IdentifyOptions(hold=options.hold, seed=options.seed, jobs=1)
+    fit = identify(one.flat, estimation, wanted, validation)
     machine = _fitted_machine(one.name, fit, _verdict(one.flat, fit, validation))
     if machine.verdict == "falsified" and options.diagnoses:
         machine = _diagnosed(machine, one.flat, estimation, validation, fit, options)

@@ -25,6 +25,7 @@ from daest.diagnosis.screen import (
 from daest.diagnosis.trial import variables_along
 from daest.model.diagnosis import FreeForm
 from daest.model.experiment import Experiment
+from daest.model.holds import interval_ends
 from daest.numerics.statistics import chi2
 
 KNOTS = 8  # of a curve, with equally many samples between each two
@@ -258,7 +259,7 @@ def internal_variables(
 def _predicted_variables(null: Null, run: NullObserver, number: int) -> dict[str, np.ndarray]:
     """All internal variables and inputs at the end of the interval before every sample, by name."""
     one = null.experiments[number]
-    held = np.vstack([one.inputs[:1], one.inputs[:-1]]) if null.hold == "zoh" else one.inputs
+    held = np.vstack([one.inputs[:1], interval_ends(one.inputs, null.hold, one.input_names)])
     values = _variables_at(null, one, run.observed[number].predicted, held)
     names = [v.name for v in null.explicit.flat.unknowns]
     return dict(zip(names, values, strict=True)) | dict(zip(one.input_names, held.T, strict=True))

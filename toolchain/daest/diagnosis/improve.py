@@ -44,8 +44,8 @@ from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
 from daest.model.flat import FlatModel
+from daest.model.holds import Hold, hold_text
 from daest.numerics.deadline import OutOfTimeError, until
-from daest.systems.state_space import Hold
 
 MOST_PATHS = 2  # hypotheses that are pursued side by side
 MOST_TAKEN_UP = 2  # of those that were put aside, after an end with something missing
@@ -123,7 +123,7 @@ def improve(
     try:
         found = _searched(task)
     except _OtherHoldError as other:
-        progress(AGAIN[other.hold])
+        progress(AGAIN.format(hold_text(other.hold)))
         again = replace(options, hold=other.hold)
         held = improve(flat, library, experiments, validation, again, most_effects, progress)
         if says_as_much(_last_added(held), other.found):
@@ -131,7 +131,7 @@ def improve(
         if options.is_over:
             path = _late(task, _with_best(task, other.path, other.found), "another effect was looked for")
             return _told(path)
-        progress(BACK[stand.null.hold])
+        progress(BACK.format(hold_text(stand.null.hold)))
         again = replace(options, hold=stand.null.hold)
         return improve(flat, library, experiments, validation, again, most_effects, progress)
     nothing = _told(found)
@@ -140,7 +140,7 @@ def improve(
     hold = better_hold(stand, nothing.last) or unsettled_hold(stand, nothing.last)
     if hold is None:
         return nothing
-    progress(IN_VAIN[hold])
+    progress(IN_VAIN.format(hold_text(hold)))
     again = replace(options, hold=hold)
     other_way = improve(flat, library, experiments, validation, again, most_effects, progress)
     return other_way if says_more(_last_added(other_way), stand) else nothing

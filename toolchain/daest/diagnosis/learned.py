@@ -29,10 +29,10 @@ from daest.model.diagnosis import Curve, FreeForm, LearnedLoad
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult
 from daest.model.flat import FlatModel
+from daest.model.holds import Hold
 from daest.model.parts import Parameter
 from daest.modelica.attach import names_of
 from daest.systems.reduce import reduce_index
-from daest.systems.state_space import Hold
 
 COMPONENT = "learned"
 MOST_KNOTS = 20

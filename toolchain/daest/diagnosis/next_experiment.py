@@ -16,7 +16,7 @@ from daest.model.design import Design, Limits, Range
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import Model
-from daest.systems.state_space import Hold
+from daest.model.holds import Hold
 
 SECONDS = 4.0  # that the search for the experiment may take
 LONGEST = 4000  # samples of a designed experiment, so that the search comes to something

@@ -28,6 +28,7 @@ from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
 from daest.model.flat import Dynamics, ExplicitModel
+from daest.model.holds import ZOH
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import settled_start
 from daest.systems.initialize import initial_point
@@ -102,7 +103,7 @@ def nonlinear_trial(candidate: Candidate, experiments: Sequence[Experiment], mod
         log_likelihood=np.nan if predicted is None else _log_likelihood(predicted, cov),
         is_output_error=is_output_error,
         known_noise=known,
-        acts_at_once=candidate.hold == "foh" or explicit.outputs.jac_sparsity(0, 1).nnz() > 0,
+        acts_at_once=candidate.hold != ZOH or explicit.outputs.jac_sparsity(0, 1).nnz() > 0,
         notes=notes,
     )
     is_filtered = explicit.flat.events is not None and simulated is not None and predicted is None

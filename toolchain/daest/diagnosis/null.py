@@ -14,6 +14,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import LoadPlace, load_places, with_loads
 from daest.errors import EstimationError
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.hold_search import moving_inputs, ranked_holds
 from daest.estimation.identify import identify
 from daest.estimation.identify_nonlinear import Refit, WarmStart, search_on
 from daest.model.diagnosis import Load
@@ -21,14 +22,13 @@ from daest.model.effects import Site
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import ExplicitModel, FlatModel
+from daest.model.holds import FOH, HOLDS, Hold, held_inputs
 from daest.model.parts import Parameter, Prior
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
-from daest.systems.state_space import Hold
 
 FIRST_LOAD = 20.0  # sampling periods, start of the search
 FASTER_LOAD = 2.1  # and of a second one, where the model is not linear: hardly more than white noise
-HOLDS: tuple[Hold, ...] = ("foh", "zoh")
 GIVEN_LOADS = (5.0, 50.0)  # sampling periods, where the data do not determine a time constant
 
 
@@ -115,22 +115,38 @@ def fit_null(
         raise _no_place(nodes)
     period = period_of(experiments)
     loaded = with_loads(flat, places, [FIRST_LOAD * period] * len(places))
-    drives: dict[Hold, tuple[Sequence[Experiment], Hold]] = {one: (experiments, one) for one in HOLDS}
-    if held is not None:
-        drives = {"foh": (experiments, "foh"), "zoh": (held, "foh")}
     explicit = reduce_index(loaded)
     asked = (hold,) if hold else HOLDS if held is not None else _possible_holds(explicit)
     is_affine = has_affine_dynamics(explicit)
     times = tuple(place.time_constant for place in places)
-    fits = {one: _loaded_fit(loaded, times, *drives[one], slowest, is_affine) for one in asked}
-    best, *others = sorted(fits, key=lambda one: -fits[one].log_likelihood)
-    null = _at_estimate(loaded, fits[best], places, tuple(drives[best][0]))
+    fits: dict[Hold, FitResult] = {}
+
+    def likelihood(one: Hold) -> float:
+        driving = (experiments, one) if held is None else (as_recorded(experiments, held, one), FOH)
+        fits[one] = _loaded_fit(loaded, times, *driving, slowest, is_affine)
+        return fits[one].log_likelihood
+
+    names = moving_inputs(experiments, [one.name for one in flat.inputs])
+    best, *others = ranked_holds(names if len(asked) > 1 else (), likelihood, asked)
+    null = _at_estimate(loaded, fits[best], places, as_recorded(experiments, held, best))
     null = replace(null, recorded_hold=best, slowest=slowest)
     if not others:
         return null
     lead = fits[best].log_likelihood - fits[others[0]].log_likelihood
-    apart = None if held is None else tuple(drives[others[0]][0])
+    apart = None if held is None else as_recorded(experiments, held, others[0])
     return replace(null, other_hold=others[0], hold_lead=lead, other_experiments=apart)
+
+
+def as_recorded(
+    experiments: Sequence[Experiment], held: Sequence[Experiment] | None, hold: Hold
+) -> tuple[Experiment, ...]:
+    """The experiments with the inputs that `hold` keeps as those `held` have them."""
+    if held is None:
+        return tuple(experiments)
+    return tuple(
+        replace(one, inputs=np.where(held_inputs(hold, one.input_names), other.inputs, one.inputs))
+        for one, other in zip(experiments, held, strict=True)
+    )
 
 
 def slowest_load(
@@ -199,7 +215,7 @@ def open_hold(null: Null, gain: float = 0.0) -> Hold | None:
 
 def _possible_holds(explicit: ExplicitModel) -> tuple[Hold, ...]:
     """A held input has no slope."""
-    return ("foh",) if explicit.input_derivatives else HOLDS
+    return (FOH,) if explicit.input_derivatives else HOLDS
 
 
 def period_of(experiments: Sequence[Experiment]) -> float:

@@ -13,7 +13,7 @@ from daest.diagnosis.proof import Prepared
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import Model
-from daest.systems.state_space import Hold
+from daest.model.holds import Hold
 
 MOST_TRIALS = 5
 REFIT_SECONDS = 3.0  # times that of the model as it is: a refit has more parameters, and is judged besides

@@ -41,10 +41,11 @@ from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import ExplicitModel, FlatModel, with_equations
+from daest.model.holds import Hold
 from daest.modelica.attach import attach_all
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import settled_start
-from daest.systems.integrate import Hold, integrate, integrator
+from daest.systems.integrate import integrate, integrator
 from daest.systems.integration import IntegrationError
 from daest.systems.modes import in_starting_mode
 from daest.systems.reduce import reduce_index

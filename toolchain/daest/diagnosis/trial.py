@@ -13,7 +13,8 @@ from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult
 from daest.model.flat import Dynamics, Model
-from daest.systems.integrate import Hold, interval_inputs
+from daest.model.holds import Hold
+from daest.systems.integrate import interval_inputs
 from daest.systems.simulate import values_along
 
 HORIZONS = (1, 3, 10, 30, 100, 300)  # samples, as far as LONGEST_HORIZON allows
@@ -32,7 +33,7 @@ class Candidate:
     name: str
     flat: Model
     n_parameters: int
-    hold: Literal["zoh", "foh"] = "foh"
+    hold: Hold = "foh"
     sampled: Literal["white", "held"] = "white"
     notes: tuple[str, ...] = ()
     parameter_names: tuple[str, ...] = ()
@@ -41,7 +42,7 @@ class Candidate:
 
 
 def fitted_candidate(
-    flat: Model, fit: FitResult, hold: Literal["zoh", "foh"] | None = None, name: str | None = None
+    flat: Model, fit: FitResult, hold: Hold | None = None, name: str | None = None
 ) -> Candidate:
     """The model as `fit` leaves it, with the uncertainty of the estimates, so that the tests of other
     recordings allow for it. `hold` None takes that of the fit."""

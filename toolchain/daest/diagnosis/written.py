@@ -16,12 +16,12 @@ from daest.errors import ModelError
 from daest.model.diagnosis import Candidate, Improvement, LearnedLoad, Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
+from daest.model.holds import Hold
 from daest.modelica.attach import free_name, names_of
 from daest.modelica.change import declare
 from daest.modelica.compile import compile_model
 from daest.modelica.extend import CurveText, Extension, extend_by_curve, extend_model
 from daest.modelica.sites import find_site
-from daest.systems.state_space import Hold
 
 NO_TEXT = "an FMU holds equations, not the Modelica text that could be extended"
 LOAD_FILE = "unknown_effect.mo"

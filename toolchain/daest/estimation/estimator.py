@@ -18,13 +18,13 @@ from daest.fmu.estimator_linear import EstimatorStart, LinearForm
 from daest.fmu.estimator_nonlinear import NonlinearForm
 from daest.model.estimates import FilterKind, FilterOptions, InitialState
 from daest.model.flat import FlatModel, Model, events_refused, with_equations
+from daest.model.holds import Hold
 from daest.systems.integrate import interval_inputs
 from daest.systems.linearize import is_affine_model
 from daest.systems.local_linear import internal_names
 from daest.systems.state_space import state_space_family
 
 EstimatorKind = Literal["stationary", "kalman", "ekf", "ukf"]
-Hold = Literal["zoh", "foh"]
 FILTER_OF: dict[str, FilterKind] = {"kalman": "time-varying", "stationary": "stationary"}
 
 

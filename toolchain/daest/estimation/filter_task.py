@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from daest.errors import EstimationError
-from daest.systems.integrate import Hold, interval_inputs
+from daest.model.holds import Hold
+from daest.systems.integrate import interval_inputs
 from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import LocalModel
 

@@ -18,6 +18,7 @@ import numpy as np
 from daest.estimation.arx import matched_start
 from daest.estimation.coordinates import Coordinate, Unknowns, objective, prior_precisions
 from daest.estimation.gates import FIT
+from daest.estimation.hold_search import moving_inputs, ranked_holds
 from daest.estimation.identifiability import (
     Scores,
     Uncertainty,
@@ -44,10 +45,11 @@ from daest.estimation.setup import Setup, check_start
 from daest.estimation.stationary import unseen_directions
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, Bound, FittedNoise
+from daest.model.holds import FOH, Hold
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.parallel import workers
-from daest.systems.state_space import Hold, state_space
+from daest.systems.state_space import state_space
 
 HOLD_ITERATIONS = 10  # of the short output-error fits that compare the holds
 HOLD_SAMPLES = 4000  # of every recording that this comparison uses
@@ -66,7 +68,7 @@ def linear_ends(family: StateSpaceFamily, setup: Setup, tell: Tell) -> LinearEnd
     has_direct_noise = bool(np.any(state_space(family, setup.unknowns.theta).H != 0.0))
     sampled: Literal["white", "held"] = "held" if has_direct_noise else "white"
     simulation = Problem(family, records, "foh", setup.unknowns, setup.estimate_std, sampled)
-    simulation = replace(simulation, hold=_chosen_hold(simulation, setup.options.hold))
+    simulation = replace(simulation, hold=_chosen_hold(simulation, setup.experiments, setup.options.hold))
     _check_start(setup, simulation)
     problem, found = _search(setup, simulation, tell)
     return LinearEnds(setup, problem, found)
@@ -133,7 +135,7 @@ class LinearEnds:
         return end, told
 
 
-def _chosen_hold(problem: Problem, given: Hold | None) -> Hold:
+def _chosen_hold(problem: Problem, experiments: Sequence[Experiment], given: Hold | None) -> Hold:
     """The given hold, or the one with the higher likelihood after short output-error fits."""
     family = problem.family
     if given is not None:
@@ -142,15 +144,20 @@ def _chosen_hold(problem: Problem, given: Hold | None) -> Hold:
         return "foh"
     short = replace(problem, records=tuple(_head(r, HOLD_SAMPLES) for r in problem.records))
     unknowns = short.unknowns
-    z, values = unknowns.start, {}
-    for hold in ("foh", "zoh"):
+    best: Found | None = None
+
+    def likelihood(hold: Hold) -> float | None:
+        nonlocal best
+        z = unknowns.start if best is None else best.z
         found = minimise(
             objective(replace(short, hold=hold)), z, unknowns.lower, unknowns.upper, HOLD_ITERATIONS
         )
-        if found is None:
-            return "foh"
-        z, values[hold] = found.z, found.evaluation.value
-    return "zoh" if values["zoh"] < values["foh"] else "foh"
+        best = found or best
+        return None if found is None else -found.evaluation.value
+
+    moving = moving_inputs(experiments, [one.name for one in family.inputs])
+    ranked = ranked_holds(moving, likelihood)
+    return ranked[0] if ranked else FOH
 
 
 def _head(record: Record, n_samples: int) -> Record:

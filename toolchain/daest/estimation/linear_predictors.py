@@ -24,6 +24,7 @@ from daest.estimation.gates import FIT
 from daest.estimation.identifiability import Scores, initial_state, scores
 from daest.estimation.records import Record, observed_counts
 from daest.estimation.search import Objective
+from daest.model.holds import Hold
 from daest.model.linear import StateSpace, StateSpaceFamily
 from daest.numerics.recursions import linear_recursion, varying_recursion
 from daest.numerics.riccati import (
@@ -35,7 +36,6 @@ from daest.numerics.riccati import (
     varying_gains,
 )
 from daest.systems.state_space import (
-    Hold,
     Noise,
     SampledDerivatives,
     sample,

@@ -11,13 +11,14 @@ from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns, objective, parameter_scale
 from daest.estimation.gain_family import LONGEST_LOG
 from daest.estimation.gates import FIT
+from daest.estimation.hold_search import moving_inputs, ranked_holds, turned_hold
 from daest.estimation.records import part_of
 from daest.estimation.search import Evaluation, Found, minimise
 from daest.estimation.setup import check_start, no_start
 from daest.estimation.trajectories import TrajectoryProblem, integrated, prediction_errors
 from daest.model.fit import IdentifyOptions
+from daest.model.holds import HOLDS, Hold
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import Hold
 from daest.systems.integration import IntegrationError
 
 FIRST_LENGTH = 500  # samples of the fit that finds the initial state before the whole record is used
@@ -145,30 +146,44 @@ def with_hold(
     if problem.model.explicit.input_derivatives:
         return replace(problem, hold="foh"), z
     lower, upper = limits(problem)
-    best: tuple[float, Hold, np.ndarray] | None = None
-    holds: tuple[Hold, Hold] = ("foh", "zoh")
-    for hold in holds:
+    ends: dict[Hold, Found] = {}
+
+    def likelihood(hold: Hold) -> float | None:
         found = minimise(objective(replace(problem, hold=hold)), z, lower, upper, HOLD_ITERATIONS)
-        if found is not None and (best is None or found.evaluation.value < best[0]):
-            best = (found.evaluation.value, hold, found.z)
-    return (problem, z) if best is None else (replace(problem, hold=best[1]), best[2])
+        if found is None:
+            return None
+        ends[hold] = found
+        return -found.evaluation.value
+
+    ranked = ranked_holds(_moving(problem), likelihood)
+    return (replace(problem, hold=ranked[0]), ends[ranked[0]].z) if ranked else (problem, z)
+
+
+def _moving(problem: TrajectoryProblem) -> tuple[str, ...]:
+    return moving_inputs(problem.experiments, [one.name for one in problem.model.explicit.flat.inputs])
 
 
 def with_other_hold(
     problem: TrajectoryProblem, found: Found, options: IdentifyOptions
 ) -> tuple[Hold, np.ndarray] | None:
-    """The hold that was not taken, and z, where a short fit from the end of a search with
-    the other is likelier than that: far from the truth, holds are compared by what neither explains. None
-    where the hold is given, or right. Shapes: z (n_z,)."""
+    """A hold that was not taken, and z, where a short fit from the end of a search with
+    it is likelier than that: far from the truth, holds are compared by what none explains. All inputs are
+    turned, and one alone. None where the hold is given, or right. Shapes: z (n_z,)."""
     explicit = problem.model.explicit
     if options.hold is not None or not explicit.flat.inputs or explicit.input_derivatives:
         return None
-    hold: Hold = "zoh" if problem.hold == "foh" else "foh"
-    other = replace(problem, hold=hold)
-    turned = minimise(objective(other), found.z, *limits(problem), HOLD_ITERATIONS)
-    if turned is None or turned.evaluation.value >= found.evaluation.value:
-        return None
-    return hold, turned.z
+    names = _moving(problem)
+    single = [turned_hold(problem.hold, name, names) for name in names if len(names) > 1]
+    best: tuple[Hold, np.ndarray] | None = None
+    limit = found.evaluation.value
+    for hold in dict.fromkeys([*HOLDS, *single]):
+        turned = None
+        if hold != problem.hold:
+            other = objective(replace(problem, hold=hold))
+            turned = minimise(other, found.z, *limits(problem), HOLD_ITERATIONS)
+        if turned is not None and turned.evaluation.value < limit:
+            best, limit = (hold, turned.z), turned.evaluation.value
+    return best
 
 
 def check_nonlinear_start(problem: TrajectoryProblem, z: np.ndarray, may_be_cut: bool) -> None:

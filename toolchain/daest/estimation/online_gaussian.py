@@ -23,10 +23,11 @@ from daest.estimation.online import checked_arrays
 from daest.estimation.ukf import run_ukf
 from daest.model.estimates import Estimate, InitialState, Sample
 from daest.model.flat import Dynamics, ExplicitModel
+from daest.model.holds import Hold
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import Mode, settled_start
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import Hold, interval_inputs
+from daest.systems.integrate import interval_inputs
 from daest.systems.local_linear import LocalModel, internal_function, internal_names, local_model
 from daest.systems.redundant import good_everywhere
 

@@ -21,10 +21,11 @@ from daest.estimation.kalman import reference_start
 from daest.estimation.online import checked_arrays
 from daest.estimation.stationary import stationary_filter, without_unseen
 from daest.model.estimates import Estimate, FilterKind, InitialState, Sample
+from daest.model.holds import Hold
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.gaussian import undetermined
 from daest.numerics.riccati import forgetting
-from daest.systems.state_space import Hold, sample
+from daest.systems.state_space import sample
 
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the difference of two times, relative to them
 KEPT_MODELS = 64  # sampled models that are remembered; a stream with ever new steps samples anew

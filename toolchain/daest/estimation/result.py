@@ -26,6 +26,7 @@ from daest.model.fit import (
     FittedParameter,
     WeakDirection,
 )
+from daest.model.holds import Hold
 from daest.model.parts import Parameter
 
 COLOURED = "the simulation residuals are not white; the standard errors account for that"
@@ -63,7 +64,7 @@ class Told:
     noise_model: Literal["white", "held"]
     initial_states: tuple[FittedInitialState, ...]
     period: float | None
-    hold: Literal["foh", "zoh"]
+    hold: Hold
     notes: tuple[str, ...]
     unseen: tuple[str, ...]
 

@@ -8,7 +8,7 @@ could see one).
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -23,6 +23,7 @@ from daest.estimation.search import Evaluation
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions, Method, NoiseChoice
 from daest.model.flat import FlatModel
+from daest.model.holds import checked_hold
 from daest.model.linear import StateSpaceFamily
 from daest.model.parts import prior_unused
 from daest.near import near_names
@@ -280,6 +281,7 @@ def setup_of(
 ) -> Setup:
     """The choices of the model, overruled by the options. Raises EstimationError and DataError of unknown
     names, bounds, priors, and recordings that are missing or too short."""
+    options = replace(options, hold=checked_hold(options.hold, [v.name for v in family.inputs]))
     estimated, held_back = _divided(tuple(experiments), tuple(validation), options.split)
     recordings = tuple(in_model_order(e, family) for e in estimated)
     intensity, process = _noise_choices(

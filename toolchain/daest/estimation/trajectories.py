@@ -18,7 +18,8 @@ from daest.estimation.gates import FIT
 from daest.estimation.search import Objective
 from daest.estimation.ties import Beginning, with_ties
 from daest.model.experiment import Experiment
-from daest.systems.integrate import Correction, Hold, Integrator, Trajectory, integrate, interval_inputs
+from daest.model.holds import Hold
+from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, interval_inputs
 from daest.systems.integration import IntegrationError
 from daest.systems.tolerances import SOLVER
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from daest.fmu.semi_explicit import (
 )
 from daest.model.flat import Dynamics, InputDerivative, Model
 from daest.model.fmu import FmuModel
+from daest.model.holds import Hold, interval_ends
 from daest.model.linear import StateSpaceFamily
 from daest.systems.integrate import Run, search_steps
 from daest.systems.integration import IntegrationError
@@ -309,12 +310,13 @@ class BinaryForm:
         ubar: np.ndarray,
         theta: np.ndarray,
         states: np.ndarray,
-        hold: Literal["zoh", "foh"],
+        hold: Hold,
     ) -> np.ndarray:
         """States and read variables (n_samples, n) along states (n_samples, n_states) under ubar
         (n_samples, n_ū) at the times (n_samples,) [s]."""
         n_u = len(flat.inputs)
-        ends = np.hstack([ubar[1:, :n_u] if hold == "foh" else ubar[:-1, :n_u], ubar[:-1, n_u:]])
+        names = [one.name for one in flat.inputs]
+        ends = np.hstack([interval_ends(ubar[:, :n_u], hold, names), ubar[:-1, n_u:]])
         request = self.drive(time, ubar[:-1], ends, ubar[-1], self.form.variables)
         if self.hides_states:
             return self.simulated(request, theta[None], None).values[0]

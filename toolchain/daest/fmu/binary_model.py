@@ -14,11 +14,12 @@ from daest.fmu.binary_form import BinaryForm
 from daest.fmu.binary_functions import model_function, raise_failure
 from daest.fmu.semi_explicit import linearize_semi_explicit, refuse_hidden
 from daest.model.flat import Dynamics, Model
+from daest.model.holds import Hold
 from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.model.parts import NoiseInput
 from daest.modelica.change import with_noises
 from daest.systems.initialize import initial_point, start_arguments
-from daest.systems.integrate import Hold, Integrator, Run, Trajectory, integrator
+from daest.systems.integrate import Integrator, Run, Trajectory, integrator
 from daest.systems.linearize import has_affine_dynamics, is_affine_model, linearize
 from daest.systems.local_linear import LocalModel, local_model
 from daest.systems.reduce import dynamics

@@ -15,6 +15,7 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.model.flat import FlatModel
+from daest.model.holds import ZOH, held_inputs
 
 _EXPORTED = re.compile(r"^CASADI_SYMBOL_EXPORT (?:[^\n]*\}\n|.*?^\}\n)", re.S | re.M)
 _NAMED = re.compile(
@@ -112,7 +113,8 @@ class EstimatorModel:
             "EST_NY": len(self.outputs),
             "EST_NV": len(self.values),
             "EST_NTHETA": len(self.parameters) if self.is_tunable else 0,
-            "EST_FOH": int(self.hold == "foh"),
+            "EST_FOH": int(self.hold != ZOH),
+            "EST_HELD": sum(1 << j for j in np.flatnonzero(held_inputs(self.hold, self.inputs)).tolist()),
             **self.form.sizes,
         }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from daest.fmu.estimator_code import EstimatorModel
+from daest.model.holds import hold_text
 
 CALLS = 1600  # bytes of stack for the calls themselves; gcc -fstack-usage on three kinds of filters
 
@@ -42,7 +43,7 @@ def readme(model: EstimatorModel, *, is_float: bool) -> str:
 | estimated | {_listed(model.values)} |
 | tunable parameters | {parameters} |
 | white noises | {_listed(model.noises)} |
-| inputs between samples | {"straight lines" if model.hold == "foh" else "held"} |
+| inputs between samples | {hold_text(model.hold)} |
 | expected step | {model.period:.9g} s; any other is followed when it comes |
 | memory, one instance | about {cost["memory"] * size} bytes |
 | stack | about {cost["stack"] * size + CALLS} bytes |

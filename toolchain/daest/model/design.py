@@ -11,9 +11,9 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.model.fit import WeakDirection
+from daest.model.holds import Hold
 from daest.model.shown import Framed, Listing
 
-Hold = Literal["zoh", "foh"]
 Criterion = Literal["D", "A", "worst"]
 AimName = Literal["parameters", "rivals", "detect"]
 FEWEST_STEPS = 20  # sample intervals of a designed experiment

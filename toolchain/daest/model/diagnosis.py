@@ -11,6 +11,7 @@ import numpy as np
 from daest.model.effects import Effect, Site
 from daest.model.fit import Agreement, FitResult
 from daest.model.flat import Model
+from daest.model.holds import Hold
 from daest.model.shown import Framed, Listing
 
 VerdictName = Literal[
@@ -358,7 +359,7 @@ class Improvement(Framed):
     steps: tuple[Step, ...]
     last: Diagnosis
     reason: str
-    recorded_hold: Literal["zoh", "foh"] | None = None
+    recorded_hold: Hold | None = None
 
     def tables(self) -> tuple[Listing, ...]:
         rows = tuple(

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from daest.model.defaults import PARTICLES
+from daest.model.holds import Hold
 from daest.model.linear import DiscreteModel
 from daest.model.shown import Timed, Trajectories
 
@@ -97,7 +98,7 @@ class FilterOptions:
     measure: Sequence[str] | None = None
     smooth: bool = False
     initial: InitialState | None = None
-    hold: Literal["zoh", "foh"] = "foh"
+    hold: Hold = "foh"
     n_particles: int = PARTICLES
     seed: int | None = None
     proposal: Literal["bootstrap", "ekf"] = "ekf"
@@ -275,7 +276,7 @@ class FilterResult(Timed):
     process_noise: ProcessNoiseEstimate
     steady_after: float | None
     noise: Literal["white", "held"]
-    hold: Literal["zoh", "foh"]
+    hold: Hold
     messages: tuple[str, ...] = ()
     effective_sample_size: np.ndarray | None = None
 

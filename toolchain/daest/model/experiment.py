@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from daest.model.holds import Hold
 from daest.model.shown import Framed, Listing, Timed, Trajectories
 
 UNIFORM = 1e-6  # relative deviation of a step from the sampling period
@@ -108,7 +109,7 @@ class Simulation(Timed):
     variable_names: tuple[str, ...]
     noise_names: tuple[str, ...]
     units: dict[str, str]  # by name, of everything named above
-    hold: Literal["zoh", "foh"]
+    hold: Hold
     method: str
     with_noise: bool = False
     seed: int | None = None

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from daest.model.holds import Hold
 from daest.model.parts import Prior
 from daest.model.shown import Framed, Listing
 
@@ -54,7 +55,7 @@ class IdentifyOptions:
     prior: Mapping[str, Prior] = field(default_factory=dict)
     process_noise: Mapping[str, NoiseChoice] = field(default_factory=dict)
     measurement_noise: Mapping[str, NoiseChoice] = field(default_factory=dict)
-    hold: Literal["foh", "zoh"] | None = None
+    hold: Hold | None = None
     starts: int = 1
     seed: int = 0
     max_iterations: int = 60
@@ -203,7 +204,7 @@ class FitResult(Framed):
     n_iterations: int
     seconds: float
     period: float | None
-    hold: Literal["foh", "zoh"]
+    hold: Hold
     notes: tuple[str, ...] = ()
     unseen_states: tuple[str, ...] = ()
     profiles: tuple[Profile, ...] = ()

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from daest.model.holds import Hold
 from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
 from daest.model.shown import Listing, Shown, package
 
@@ -289,4 +290,4 @@ class DiscreteModel:
     noise_process_cov: np.ndarray
     noise_measurement_cov: np.ndarray
     period: float
-    hold: Literal["zoh", "foh"]
+    hold: Hold

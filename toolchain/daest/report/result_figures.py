@@ -11,6 +11,7 @@ from daest.model.design import Design
 from daest.model.estimates import FilterResult
 from daest.model.experiment import Experiment, Simulation
 from daest.model.fit import FitResult, FittedParameter, Profile
+from daest.model.holds import held_inputs
 from daest.numerics.statistics import chi2
 from daest.report import figures as style
 from daest.report.comparison_figure import draw_runs, runs_height
@@ -163,7 +164,7 @@ def simulation_figure(simulation: Simulation, recording: Experiment) -> Figure:
     axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
     for ax, name in zip(axes, names, strict=True):
         is_input = name in simulation.input_names
-        steps = "steps-post" if is_input and simulation.hold == "zoh" else "default"
+        steps = "steps-post" if is_input and held_inputs(simulation.hold, [name])[0] else "default"
         color = INPUT if is_input else LINES[0]
         if name in recording.output_names:
             ax.plot(recording.time, recording.output(name), **MEASURED)

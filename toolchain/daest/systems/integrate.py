@@ -15,13 +15,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
 from importlib import resources
-from typing import Any, Literal
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from daest.errors import FmuError, ModelError
 from daest.model.flat import Dynamics, ExplicitModel, events_refused
+from daest.model.holds import Hold, held_inputs, interval_ends
 from daest.numerics.compiler import MOST_LINES, build_object, build_shared, effort, processor_flags
 from daest.numerics.projection import pull
 from daest.numerics.watched import watched
@@ -31,8 +32,6 @@ from daest.systems.hybrid import Inputs, follow
 from daest.systems.integration import FAILURES, IntegrationError, pointer
 from daest.systems.sensor_laws import relative_slopes, sensor_laws
 from daest.systems.tolerances import SOLVER
-
-Hold = Literal["zoh", "foh"]
 
 # Steps over a whole record, however they fall between its samples. A search gives a trajectory up early: one
 # that takes this many belongs to parameters that make the model far faster than the record.
@@ -441,11 +440,13 @@ def interval_inputs(
     inputs (n_samples, n_u). A first derivative that the model needs is the slope of a foh input. Raises
     ModelError `input-derivative-order` or `input-derivative-hold` where the hold has no such derivative.
     """
-    start, end = inputs[:-1], inputs[:-1] if hold == "zoh" else inputs[1:]
+    names = [one.name for one in explicit.flat.inputs]
+    start, end = inputs[:-1], interval_ends(inputs, hold, names)
+    held = held_inputs(hold, names)
     slopes = (end - start) / np.diff(time)[:, None]
     columns = []
     for derivative in explicit.input_derivatives:
-        if derivative.order > 1 or hold == "zoh":
+        if derivative.order > 1 or held[derivative.index]:
             name = explicit.flat.inputs[derivative.index].name
             raise ModelError(
                 "input-derivative-order" if derivative.order > 1 else "input-derivative-hold",

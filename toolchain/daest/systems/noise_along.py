@@ -15,8 +15,9 @@ import numpy as np
 from daest.errors import ModelError, NumericalError
 from daest.model.experiment import Experiment, Simulation
 from daest.model.flat import Dynamics, FlatModel
+from daest.model.holds import Hold
 from daest.model.noise import NoiseAlong, NoiseMode, NoisePlace, NoisePlaceAlong, NoiseReport
-from daest.systems.integrate import Hold, interval_inputs
+from daest.systems.integrate import interval_inputs
 from daest.systems.linearize import is_affine_model, linearize
 from daest.systems.modes import frozen, mode_slots, mode_text, without_noise
 from daest.systems.noise import noise_report

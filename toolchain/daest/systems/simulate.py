@@ -7,7 +7,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import singledispatch
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from daest.errors import DaestError, ModelError, NumericalError
 from daest.model.experiment import Experiment, Simulation
 from daest.model.flat import Dynamics, ExplicitModel, FlatModel, Model, events_refused
+from daest.model.holds import Hold, held_inputs
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.projection import pull
@@ -42,7 +43,6 @@ from daest.systems.state_space import sample, state_space, state_space_family
 from daest.systems.switches import extended, with_switches
 from daest.systems.tolerances import SOLVER
 
-Hold = Literal["zoh", "foh"]
 Recording = Experiment | tuple[np.ndarray, np.ndarray]
 
 JUMPS = ("simulation-failed", "initial-not-solved", "singular-after-reduction")
@@ -220,8 +220,9 @@ def _inputs(flat: Model, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
 
 def _slopes(explicit: Dynamics, time: np.ndarray, u: np.ndarray, hold: Hold) -> np.ndarray:
     """Input derivatives v (n_samples, n_v): the slope of the interval that follows, at the end the last."""
+    held = held_inputs(hold, [one.name for one in explicit.flat.inputs])
     for derivative in explicit.input_derivatives:
-        if derivative.order > 1 or hold == "zoh":
+        if derivative.order > 1 or held[derivative.index]:
             raise _no_input_derivative(explicit.flat, derivative.index, derivative.order, hold)
     sources = [d.index for d in explicit.input_derivatives]
     if time.size < 2:
@@ -485,7 +486,8 @@ def _noisy_interval(
     Local linearisation (Jimenez & Ozaki): per substep the exact solution, mean and covariance, of the model
     linearised at the substep's start in x and at its middle in u and t; order 2 in the drift."""
     step = float(task.steps[k])
-    rise = task.u[k + 1] - task.u[k] if task.hold == "foh" else np.zeros(task.u.shape[1])
+    held = held_inputs(task.hold, [one.name for one in task.explicit.flat.inputs])
+    rise = np.where(held, 0.0, task.u[k + 1] - task.u[k])
     w = np.zeros(intensity.size) if held is None else held
     total = np.zeros(intensity.size)
     for number in range(SUBSTEPS):

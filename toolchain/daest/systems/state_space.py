@@ -17,6 +17,7 @@ import numpy as np
 
 from daest.errors import ModelError
 from daest.model.flat import Dynamics, ExplicitModel, Model
+from daest.model.holds import ZOH, Hold, held_inputs
 from daest.model.linear import DiscreteModel, StateSpace, StateSpaceFamily
 from daest.near import near_names
 from daest.numerics.exponential import (
@@ -30,7 +31,6 @@ from daest.systems.initialize import initial_point
 from daest.systems.linearize import has_affine_dynamics, is_affine_model, operating_point
 from daest.systems.reduce import dynamics
 
-Hold = Literal["foh", "zoh"]
 Noise = Literal["white", "held"]
 
 
@@ -184,10 +184,11 @@ def _input_matrices(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Γ0 and Γ1 for B (..., n, n_ū); linear in B and in `integrals`, so it serves derivatives as well."""
     whole = integrals.first @ B
-    if hold == "zoh":
+    if hold == ZOH:
         return whole, np.zeros_like(whole)
-    ramp = integrals.second @ B
-    now, following = whole - ramp, ramp.copy()
+    following = integrals.second @ B
+    following[..., np.flatnonzero(held_inputs(hold, ss.input_names))] = 0.0
+    now = whole - following
     n_u = B.shape[-1] - len(ss.input_derivatives)
     for column, (source, _) in enumerate(ss.input_derivatives, start=n_u):
         # v = (u[k+1] - u[k]) / period over the whole interval.
@@ -223,7 +224,7 @@ def _check_input_derivatives(ss: StateSpace, hold: Hold) -> None:
                 where=name,
                 remedy="a sampled input gives only its slope; let the model take the derivative as its input",
             )
-        if hold == "zoh":
+        if held_inputs(hold, ss.input_names)[source]:
             raise ModelError(
                 "input-derivative-hold",
                 f"the model needs the time derivative of input {name}, which a held input does not have",

@@ -24,6 +24,7 @@ from daest.estimation.smoother import smooth as smooth_record
 from daest.estimation.stationary import combination_text, stationary_filter, without_unseen
 from daest.model.estimates import InitialState, KalmanResult
 from daest.model.experiment import Experiment
+from daest.model.holds import Hold
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.gaussian import FREE_TOLERANCE, marginals
 from daest.systems.state_space import sample, stacked_inputs
@@ -32,7 +33,6 @@ NAMED_AT_MOST = 8  # variables in a message
 # Time constants of a stationary filter that the record must hold for its start not to matter.
 FORGETTING_TIMES = 3.0
 
-Hold = Literal["foh", "zoh"]
 Noise = Literal["white", "held"]
 
 

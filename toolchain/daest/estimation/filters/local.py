@@ -22,10 +22,11 @@ from daest.estimation.nonlinear_smoother import smooth_ekf
 from daest.estimation.records import in_model_order
 from daest.model.estimates import InitialState
 from daest.model.flat import Dynamics, ExplicitModel
+from daest.model.holds import Hold
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import settled_start
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import Hold, integrate, integrator
+from daest.systems.integrate import integrate, integrator
 from daest.systems.integration import IntegrationError
 from daest.systems.local_linear import local_model
 from daest.systems.redundant import good_everywhere, matching_states

@@ -10,6 +10,7 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.model.estimates import FilterResult
 from daest.model.experiment import Experiment
+from daest.model.holds import Hold
 from daest.near import near_names
 from daest.report.documents.parts import entry
 
@@ -46,7 +47,7 @@ class FilterDocument(TypedDict):
     kind: str
     smoothed: NotRequired[bool]
     measure: NotRequired[list[str]]
-    hold: Literal["zoh", "foh"]
+    hold: Hold
     noise: NotRequired[Literal["white", "held"]]
     n_samples: int
     log_likelihood: float | None

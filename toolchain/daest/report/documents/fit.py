@@ -14,6 +14,7 @@ from daest.model.fit import (
     Method,
     ProfileEnd,
 )
+from daest.model.holds import Hold
 from daest.report.documents.parts import ByPart, Errors, Of, entry, errors_entry
 
 
@@ -116,7 +117,7 @@ class FitDocument(TypedDict):
     n_iterations: NotRequired[int]
     seconds: float
     period: float | None
-    hold: Literal["zoh", "foh"]
+    hold: Hold
     notes: NotRequired[list[str]]
     unseen_states: NotRequired[
         Annotated[

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, NotRequired, TypedDict
+from typing import Annotated, NotRequired, TypedDict
 
 import numpy as np
 
 from daest.model.experiment import Simulation
+from daest.model.holds import Hold
 from daest.report.documents.parts import Of, entry
 
 
@@ -15,7 +16,7 @@ class SimulateDocument(TypedDict):
 
     model: Annotated[str, Of("model_name")]
     method: str
-    hold: Literal["zoh", "foh"]
+    hold: Hold
     noise: Annotated[bool, Of("with_noise")]
     seed: int | None
     n_samples: int

@@ -25,6 +25,7 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
+from daest.model.holds import held_inputs
 from daest.report.figures import shown_range
 from daest.report.groups import grouped, stretches
 from daest.report.page.material import Document, Series
@@ -360,7 +361,7 @@ def input_plot(document: Document, series: Series) -> Plot:
         low, high = document["limits"][header.partition(" [")[0]]
         for edge in (low, high):
             plot.add_layout(_level(edge, MEASURED))
-        is_held = document["input"]["hold"] == "zoh"
+        is_held = held_inputs(document["input"]["hold"], [header.partition(" [")[0]])[0]
         x, y = (np.repeat(time, 2)[1:], np.repeat(values, 2)[:-1]) if is_held else (time, values)
         _line(plot, x, y, "to be played", 0, most, legend=False)
         figures.append(plot)

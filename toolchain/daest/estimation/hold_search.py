@@ -1,0 +1,47 @@
+"""Which inputs keep their value between samples, by the likelihood of short fits.
+
+All inputs alike come first. Then one after the other is taken the other way, since a heating that is switched
+may stand beside a temperature that runs straight; that some differ from others must gain more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from daest.estimation.gates import FIT
+from daest.model.experiment import Experiment
+from daest.model.holds import HOLDS, Hold, held_inputs, mixed_hold
+
+
+def ranked_holds(
+    names: Sequence[str], likelihood: Callable[[Hold], float | None], first: Sequence[Hold] = HOLDS
+) -> list[Hold]:
+    """The holds that were tried, likeliest first; those without a `likelihood` (None) are left out. `names`
+    are inputs that may differ from the others."""
+    values = {hold: found for hold in first if (found := likelihood(hold)) is not None}
+    if not values:
+        return []
+    best = max(values, key=lambda hold: values[hold])
+    for name in names if len(names) > 1 else ():
+        other = turned_hold(best, name, names)
+        if other not in values:
+            found = likelihood(other)
+            if found is not None:
+                values[other] = found - (0.0 if other in HOLDS else FIT.min_mixed_hold_gain)
+                best = other if values[other] > values[best] else best
+    return sorted(values, key=lambda hold: -values[hold])
+
+
+def turned_hold(hold: Hold, name: str, names: Sequence[str]) -> Hold:
+    """The hold with which the input `name` alone does the other thing."""
+    held = {one for one, is_held in zip(names, held_inputs(hold, names), strict=True) if is_held}
+    return mixed_hold(held ^ {name}, names)
+
+
+def moving_inputs(experiments: Sequence[Experiment], names: Sequence[str]) -> tuple[str, ...]:
+    """The inputs whose course depends on the hold: those that change at all."""
+    return tuple(
+        name for name in names if any(np.any(np.diff(experiment.input(name))) for experiment in experiments)
+    )

@@ -1,0 +1,105 @@
+"""What inputs do between their samples.
+
+A `Hold` is a word: `zoh`, all inputs keep their value until the next sample; `foh`, all run on straight lines
+from sample to sample; `zoh(P, valve)`, those named keep their value and all others run straight. A heating
+that a relay switches beside an outside temperature is of the third kind.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+from daest.errors import ConfigError
+from daest.near import nearest
+
+Hold: TypeAlias = str
+
+ZOH: Hold = "zoh"
+FOH: Hold = "foh"
+HOLDS: tuple[Hold, Hold] = (FOH, ZOH)
+"""Those of all inputs alike."""
+
+_MIXED = re.compile(r"zoh\(\s*(.+?)\s*\)")
+_BETWEEN = re.compile(r",\s*(?![^\[]*\])")  # not those of u[1, 2]
+
+
+def held_inputs(hold: Hold, names: Sequence[str]) -> np.ndarray:
+    """Which of the inputs `names` keep their value between samples, (n_u,) of bool.
+
+    >>> held_inputs("zoh(P)", ("P", "T_outside")).tolist()
+    [True, False]
+    """
+    if hold in HOLDS:
+        return np.full(len(names), hold == ZOH)
+    named = _named(hold)
+    return np.array([name in named for name in names], dtype=bool)
+
+
+def mixed_hold(held: Iterable[str], names: Sequence[str]) -> Hold:
+    """The hold with which the inputs `held` among `names` keep their value and the others run straight.
+
+    >>> mixed_hold({"P"}, ("P", "T_outside")), mixed_hold({"P"}, ("P",)), mixed_hold((), ("P",))
+    ('zoh(P)', 'zoh', 'foh')
+    """
+    kept = set(held)
+    chosen = [name for name in names if name in kept]
+    if not chosen:
+        return FOH
+    return ZOH if len(chosen) == len(names) else f"zoh({', '.join(chosen)})"
+
+
+def interval_ends(inputs: np.ndarray, hold: Hold, names: Sequence[str]) -> np.ndarray:
+    """The values (n_samples - 1, n_u) of inputs (n_samples, n_u) at the end of each sample interval."""
+    return np.where(held_inputs(hold, names), inputs[:-1], inputs[1:])
+
+
+def hold_text(hold: Hold) -> str:
+    """What the inputs do, as part of a sentence.
+
+    >>> hold_text("zoh(P)")
+    'P is held between the samples and the other inputs run straight'
+    """
+    if hold == ZOH:
+        return "the inputs are held between the samples"
+    if hold == FOH:
+        return "the inputs run straight between the samples"
+    named = _named(hold)
+    are = "is" if len(named) == 1 else "are"
+    return f"{' and '.join(named)} {are} held between the samples and the other inputs run straight"
+
+
+def is_hold(value: str) -> bool:
+    """Whether a word has the form of a hold."""
+    return value in HOLDS or _MIXED.fullmatch(value) is not None
+
+
+def checked_hold(hold: Hold | None, names: Sequence[str], where: str = "hold") -> Hold | None:
+    """The hold in its shortest form. Raises ConfigError `option-hold` where it names what is no input."""
+    if hold is None or hold in HOLDS:
+        return hold
+    named = _named(hold)
+    if not named:
+        raise ConfigError(
+            "option-hold",
+            f"`{hold}` is no hold of inputs",
+            where=where,
+            remedy="Write zoh (held), foh (straight lines), or zoh(NAME, ...) for those that are held.",
+        )
+    for name in named:
+        if name not in names:
+            raise ConfigError(
+                "option-hold",
+                f"{hold} names `{name}`, which is no input of the model",
+                where=where,
+                remedy=f"{nearest(name, names)} The inputs are: {', '.join(names) or 'none'}.".strip(),
+            )
+    return mixed_hold(named, names)
+
+
+def _named(hold: Hold) -> tuple[str, ...]:
+    found = _MIXED.fullmatch(hold)
+    return tuple(_BETWEEN.split(found[1])) if found else ()
