@@ -48,8 +48,8 @@ def test_held_input_comes_half_a_period_later():
     decay = np.exp(-h)
     y = lfilter([0.0, 1.0 - decay], [1.0, -decay], u)
     errors = []
-    for held in (True, False):
-        result = resample(recording(h * np.arange(n), u, y), 0.05, held)
+    for hold in ("zoh", "foh"):
+        result = resample(recording(h * np.arange(n), u, y), 0.05, hold)
         keep = np.exp(-result.period)
         old, new = (1.0 - keep) / result.period - keep, 1.0 - (1.0 - keep) / result.period
         lines = result.inputs[:, 0]

@@ -120,7 +120,7 @@ def test_hold_of_the_inputs_is_told_by_the_likelihood_with_loads():
 def test_hold_of_recordings_that_were_made_coarser():
     """Their inputs are straight lines either way, of which those of the right hold are half a sample away."""
     record, _ = rotor_record(1000, seed=4, load=(0.1, 1.0))
-    straight, held = (resample(record, 2.0 * record.period, held) for held in (False, True))
+    straight, held = (resample(record, 2.0 * record.period, hold) for hold in ("foh", "zoh"))
     places = [s for s in sites(model()) if s.kind == "node"]
     null = fit_null(without_noises(model()), places, [straight], None, [held])
     assert (null.recorded_hold, null.hold, null.other_hold) == ("zoh", "foh", "foh")
