@@ -294,3 +294,38 @@ def test_what_a_nonlinear_step_costs(nonlinear):
 def test_a_nonlinear_model_has_no_kalman_filter(nonlinear):
     with pytest.raises(EstimationError, match="nonlinear"):
         estimator_model(nonlinear[0], 0.1, "kalman")
+
+
+MIXED = """\
+model Mixed "A room that is heated by steps beside an outside temperature that drifts"
+  parameter Real C = 40;
+  input Real P, To;
+  input Real w annotation(__Daest(noise = true, intensity = 0.05));
+  output Real y annotation(__Daest(std = 0.1));
+  Real T(start = 20);
+equation
+  C*der(T) = P - 3*(T - To)LAW + w;
+  y = T;
+end Mixed;
+"""
+
+
+@pytest.mark.parametrize(("law", "kind"), [("", "kalman"), (" - 0.02*(T - To)^3", "ekf")])
+def test_each_input_does_what_the_hold_says(tmp_path, law, kind):
+    (tmp_path / "Mixed.mo").write_text(MIXED.replace("LAW", law))
+    flat, rng, n = compile_model(tmp_path / "Mixed.mo"), np.random.default_rng(3), 80
+    time = 0.5 * np.arange(n)
+    u = np.column_stack([rng.choice([0.0, 40.0], n), 10 + np.cumsum(rng.normal(size=n))])
+    y = 15 + np.cumsum(rng.normal(size=(n, 1)), axis=0)
+    experiment, start = Experiment("r", time, u, y, ("P", "To"), ("y",)), InitialState.known([15.0], 0.2)
+    values = []
+    for hold in ("zoh(P)", "foh"):
+        options = FilterOptions(hold=hold, initial=start, **({"longest": 0.125} if law else {}))
+        known = run_filter(flat, experiment, "ekf" if law else "time-varying", options)
+        longest = {"longest": 0.125} if law else {}
+        model = estimator_model(flat, 0.5, kind, hold, initial=start, **longest)
+        folder = tmp_path / hold.replace("(", "").replace(")", "")
+        found = replayed(built(model, folder, *STRICT, *SANITIZED), experiment)
+        np.testing.assert_allclose(found["T"], known.values[:, known.names.index("T")], rtol=1e-9)
+        values.append(found["T"])
+    assert np.max(np.abs(values[0] - values[1])) > 0.01

@@ -1034,14 +1034,14 @@ EXPLANATIONS: dict[str, str] = {
         "Two options say different things of one parameter. --fix holds it at a value; --set gives a value, "
         "from which the search starts where the parameter is estimated; --estimate names what is estimated."
     ),
-    "option-resample": (
-        "The period for --resample must be positive and not shorter than the sampling period of the "
-        "recording: nothing is known between the samples."
-    ),
     "option-hold": (
         "--hold, or hold in daest.toml, tells what inputs do between their samples: zoh, all keep their "
         "value; foh, all run on straight lines; zoh(P, valve), those named keep their value and the others "
         "run straight."
+    ),
+    "option-resample": (
+        "The period for --resample must be positive and not shorter than the sampling period of the "
+        "recording: nothing is known between the samples."
     ),
     "option-split": (
         "--split is the share of the recording that is used for estimation, a number between 0 and 1."

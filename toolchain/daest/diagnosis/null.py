@@ -22,7 +22,7 @@ from daest.model.effects import Site
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import ExplicitModel, FlatModel
-from daest.model.holds import FOH, HOLDS, Hold, held_inputs
+from daest.model.holds import FOH, HOLDS, ZOH, Hold, held_inputs
 from daest.model.parts import Parameter, Prior
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
@@ -141,8 +141,8 @@ def as_recorded(
     experiments: Sequence[Experiment], held: Sequence[Experiment] | None, hold: Hold
 ) -> tuple[Experiment, ...]:
     """The experiments with the inputs that `hold` keeps as those `held` have them."""
-    if held is None:
-        return tuple(experiments)
+    if held is None or hold in HOLDS:
+        return tuple(held if held is not None and hold == ZOH else experiments)
     return tuple(
         replace(one, inputs=np.where(held_inputs(hold, one.input_names), other.inputs, one.inputs))
         for one, other in zip(experiments, held, strict=True)

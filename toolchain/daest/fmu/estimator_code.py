@@ -114,7 +114,7 @@ class EstimatorModel:
             "EST_NV": len(self.values),
             "EST_NTHETA": len(self.parameters) if self.is_tunable else 0,
             "EST_FOH": int(self.hold != ZOH),
-            "EST_HELD": sum(1 << j for j in np.flatnonzero(held_inputs(self.hold, self.inputs)).tolist()),
+            "EST_KEPT": sum(1 << j for j in np.flatnonzero(held_inputs(self.hold, self.inputs)).tolist()),
             **self.form.sizes,
         }
 

@@ -486,8 +486,8 @@ def _noisy_interval(
     Local linearisation (Jimenez & Ozaki): per substep the exact solution, mean and covariance, of the model
     linearised at the substep's start in x and at its middle in u and t; order 2 in the drift."""
     step = float(task.steps[k])
-    held = held_inputs(task.hold, [one.name for one in task.explicit.flat.inputs])
-    rise = np.where(held, 0.0, task.u[k + 1] - task.u[k])
+    kept = held_inputs(task.hold, [one.name for one in task.explicit.flat.inputs])
+    rise = np.where(kept, 0.0, task.u[k + 1] - task.u[k])
     w = np.zeros(intensity.size) if held is None else held
     total = np.zeros(intensity.size)
     for number in range(SUBSTEPS):

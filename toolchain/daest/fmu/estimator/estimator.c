@@ -142,7 +142,7 @@ static int sampled(Estimator *e, est_real h) {
             for (int j = 0; j < NUB; ++j) {
                 const est_real whole = s->now[i * NUB + j], part = ramp[i * NUB + j] / h;
                 if (j < NU) {
-                    if (EST_HELD >> j & 1) continue; /* this input keeps its value over the step */
+                    if (EST_KEPT >> j & 1) continue; /* this input keeps its value over the step */
                     s->now[i * NUB + j] = whole - part;
                     s->next[i * NUB + j] = part;
                 } else { /* the slope of an input over the whole step */

@@ -106,7 +106,7 @@ static int advance_to(Estimator *e, Work *k, double time, const real *u) {
     int status;
     for (int j = 0; j < EST_NU; ++j) {
         u0[j] = e->ubar[j];
-        u1[j] = EST_HELD >> j & 1 ? u0[j] : u[j];
+        u1[j] = EST_KEPT >> j & 1 ? u0[j] : u[j];
     }
     for (int j = EST_NU; j < NU; ++j) u0[j] = u1[j] = e->ubar[j] = (u[sources[j - EST_NU]] - u0[sources[j - EST_NU]]) / step;
     if (EST_UKF) {
