@@ -119,7 +119,8 @@ static void add_symmetric(const real *a, const real *b, real *c) {
     for (int j = 0; j <= i; ++j) {
       real sum = c[i * NX + j];
       for (int k = 0; k < NX; ++k) sum += a[i * NX + k] * b[j * NX + k];
-      c[i * NX + j] = c[j * NX + i] = sum;
+      c[j * NX + i] = sum;
+      c[i * NX + j] = c[j * NX + i];
     }
 }
 
@@ -236,8 +237,10 @@ static void series(Substep *s, scalar step, const real *D) {
     multiply_slopes(A, s->nested[TERM(k)], step / (scalar)k, product);
     WRITTEN_OUT
     for (int i = 0; i < NX; ++i)
-      for (int j = 0; j <= i; ++j)
-        inner[i * NX + j] = inner[j * NX + i] = D[i * NX + j] + (product[i * NX + j] + product[j * NX + i]);
+      for (int j = 0; j <= i; ++j) {
+        inner[j * NX + i] = D[i * NX + j] + (product[i * NX + j] + product[j * NX + i]);
+        inner[i * NX + j] = inner[j * NX + i];
+      }
   }
   for (int i = 0; i < XX; ++i) out->Q[i] = step * s->nested[TERM(1)][i];
 }
