@@ -129,7 +129,10 @@ def test_a_coarser_recording_knows_each_input(tmp_path):
 
 
 def test_nothing_is_missing_where_inputs_differ_in_their_hold(tmp_path):
-    found = diagnose(room(tmp_path), effect_library(()), [recording(0.01, n=500)])
+    """Nor does a column drive the room that the model does not know."""
+    data = recording(0.01, n=500)
+    wind = np.abs(np.random.default_rng(4).normal(size=500))
+    found = diagnose(room(tmp_path), effect_library(()), [replace(data, extra={"wind": wind})])
     assert found.verdict == "nothing missing"
 
 

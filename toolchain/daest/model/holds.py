@@ -53,8 +53,10 @@ def mixed_hold(held: Iterable[str], names: Sequence[str]) -> Hold:
 
 
 def interval_ends(inputs: np.ndarray, hold: Hold, names: Sequence[str]) -> np.ndarray:
-    """The values (n_samples - 1, n_u) of inputs (n_samples, n_u) at the end of each sample interval."""
-    return np.where(held_inputs(hold, names), inputs[:-1], inputs[1:])
+    """The values (n_samples - 1, n_u) of inputs (n_samples, n_u) at the end of each sample interval. Columns
+    behind those of `names` are driven by a measured signal."""
+    unnamed = inputs.shape[1] - len(names)
+    return np.where(held_inputs(hold, [*names, *[""] * unnamed]), inputs[:-1], inputs[1:])
 
 
 def hold_text(hold: Hold) -> str:
