@@ -151,6 +151,7 @@ def test_a_vanished_folder_is_told(tmp_path):
         assert not folder.exists()
 
 
+@pytest.mark.slow
 def test_a_second_server_and_a_refused_port(tmp_path, capfd):
     command = [sys.executable, "-m", "daest", "app", "--no-browser", str(tmp_path)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)

@@ -95,6 +95,7 @@ def test_nothing_missing(cart, daest):
     assert "It would have shown" in found["message"]
 
 
+@pytest.mark.slow
 def test_coarser_period_is_told_in_the_result(cart, daest, monkeypatch):
     """The cart's recordings are noisy: that they are taken coarser is only pretended."""
     write_recording(cart / "clean.csv", recording(1200, 2))

@@ -35,6 +35,7 @@ def improvement(daest, *arguments):
     return json.loads(out), err
 
 
+@pytest.mark.slow
 def test_two_hidden_effects(cart, daest):
     """Also where an earlier run had no time; the errors are told of a second recording."""
     write_recording(cart / "rough.csv", recording(700, 1, friction=FRICTION, cubic=CUBIC))

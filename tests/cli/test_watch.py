@@ -70,6 +70,7 @@ def test_no_change_no_alarm(watch):
     assert code == 0 and "ALARM: the model no longer holds in y since" in out
 
 
+@pytest.mark.slow
 def test_reference_tells_what_is_usual(watch, folder):
     """A model with a wrong offset: always an alarm against white innovations, none against the reference."""
     (folder / "usual.csv").write_text(simulated(1500, 0, seed=1))

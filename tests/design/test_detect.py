@@ -105,6 +105,7 @@ def test_what_a_load_follows_is_no_evidence():
     assert expected < 0.5 * found.beside(bank.none())
 
 
+@pytest.mark.slow
 def test_smallest_size_and_loads():
     aim, _ = seen()
     inputs = torque()
@@ -118,6 +119,7 @@ def test_smallest_size_and_loads():
     assert free.smallest([inputs]) < 0.95 * least  # unseen data ask for more
 
 
+@pytest.mark.slow
 def test_design_for_an_effect_tells_power_against_length():
     aim, subjects = seen(None, recorded=True)
     recorded = torque(1, 0.6)

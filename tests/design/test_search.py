@@ -91,6 +91,7 @@ def test_most_information_is_at_the_resonance():
     assert strongest == pytest.approx(np.sqrt(30.0 / 1.2) / (2 * np.pi), abs=0.05)
 
 
+@pytest.mark.slow
 def test_safe_ranges_hold():
     safe = (Range("x", "m", -0.05, 0.05),)
     allowed = limits(safe=safe)
@@ -149,6 +150,7 @@ def test_a_recording_that_there_is_counts():
     assert alone.value(alone.merit(force)) > 1e-3
 
 
+@pytest.mark.slow
 def test_d_optimal_levels_of_a_saturating_law():
     """Half of the samples at the largest input, half at K / (2 K + 1): known in closed form. No gradient is
     known for a nonlinear model; pieces are exchanged."""

@@ -43,6 +43,7 @@ def diagnosed(text, effects, rates, period, voltage, rng):
     return diagnose(compile_text(text, Path("Machine.mo")), effect_library(), [record], (), options)
 
 
+@pytest.mark.slow
 def test_lag_of_a_drive_before_a_pendulum() -> None:
     rng, T = np.random.default_rng(3), 0.12
     voltage = np.repeat(rng.uniform(-3.5, 3.5, 28), 25)

@@ -94,6 +94,7 @@ def test_recorded_signal_that_pushes(model):
     assert abs(size["value"] - 0.8) < 4 * size["std_error"] + 0.02
 
 
+@pytest.mark.slow
 def test_law_that_cannot_be_tried_is_not_called_by_another_name(model):
     data = [recording(name, seed, rough=1.0) for name, seed in (("a", 1), ("b", 2))]
     found = diagnosed(model, data[:1], data[1:])

@@ -19,6 +19,7 @@ def diagnosed(before, after, **words):
     )
 
 
+@pytest.mark.slow
 def test_a_small_torque_is_named_beside_the_loads_that_were_there_before():
     after, _ = rotor_record(600, seed=12, torque=lambda w, phi: -SIZE)
     assert diagnosed(None, after).verdict == "external disturbance"

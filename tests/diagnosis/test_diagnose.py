@@ -140,6 +140,7 @@ def test_expected_noise_is_no_finding():
     assert found.verdict == "nothing missing"
 
 
+@pytest.mark.slow
 def test_wrong_gain_of_the_encoder_is_no_friction():
     """Inertia and damping take it all: the model has no other scale."""
     found = diagnosed(rotor_record(1000, seed=15, measured=lambda phi: 1.2 * phi)[0])
@@ -189,6 +190,7 @@ def test_the_only_effect_is_added_once():
     assert " ".join(figure.get_suptitle().split()).endswith(found.last.message)
 
 
+@pytest.mark.slow
 def test_every_phase_of_a_periodic_effect_is_tried():
     found = diagnosed(
         rotor_record(1000, seed=20, torque=lambda w, phi: -0.2 * np.sin(3.0 * phi))[0], "CoggingTorque"
@@ -445,6 +447,7 @@ def behind(numerator, denominator, seed):
     return Experiment("run", PERIOD * np.arange(u.size), u[:, None], y, ("u",), ("phi",))
 
 
+@pytest.mark.slow
 def test_lag_is_named_and_what_only_looks_like_one_is_not():
     lag = diagnosed(behind([1.0], [0.8, 1.0], 4), "Lag")
     assert accepted(lag) == {"Lag"}

@@ -103,6 +103,7 @@ def test_wall_behind_a_room(tmp_path) -> None:
         assert abs(own.value - true) < 4.0 * own.std_error
 
 
+@pytest.mark.slow
 def test_polarisation_of_a_battery_beside_effects_that_share_its_current(tmp_path) -> None:
     """Of size zero no effect moves the states of another, though the equations let it."""
     R0, R1, T = 0.05, 0.03, 40.0

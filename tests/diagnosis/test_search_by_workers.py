@@ -50,6 +50,7 @@ def no_waiting(monkeypatch):
     monkeypatch.setattr(parallel, "START_SECONDS", -np.inf)
 
 
+@pytest.mark.slow
 def test_processes_find_the_same_to_the_last_bit(alone, no_waiting):
     assert alone.verdict == "supported" and len(alone.proofs) >= 2
     keeper = LooksOn()

@@ -94,6 +94,7 @@ def test_models_are_compared_through_their_events(drive):
     assert found.models[0].bic < found.models[1].bic
 
 
+@pytest.mark.slow
 def test_one_step_errors_of_a_loop_with_process_noise_are_those_of_the_filter():
     flat = compile_text(LOADED.encode(), Path("Loaded.mo"))
     rng, n, dt = np.random.default_rng(1), 160, 0.05

@@ -4,6 +4,7 @@ acts on two bodies, while loads can act on one alone."""
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis.diagnose import begin
@@ -51,6 +52,7 @@ def recording(n: int = 2400) -> Experiment:
     return Experiment("run", time, road[:, None], y, ("road",), ("a", "travel"))
 
 
+@pytest.mark.slow
 def test_parameters_stay_at_the_simulation_where_loads_take_over_what_the_input_does():
     """Free beside the load, the model fits less than a third of either output; by simulation it fits most."""
     flat = compile_text(CAR, Path("Car.mo"))

@@ -4,6 +4,7 @@ tells, beside others whose states follow the model."""
 from functools import cache
 
 import numpy as np
+import pytest
 from scipy.linalg import expm
 
 from daest.diagnosis.candidates import attachable, pairs
@@ -86,6 +87,7 @@ def test_states_that_follow_the_model_are_screened_beside_others_that_do_not(tmp
     assert left == {"TemperatureDependentResistance"}
 
 
+@pytest.mark.slow
 def test_delay_of_a_sample_is_found_in_a_machine_of_milliseconds(tmp_path):
     """The library's own start, a hundredth of a second, is longer than all that happens here."""
     flat = circuit(tmp_path)

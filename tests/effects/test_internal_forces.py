@@ -90,8 +90,14 @@ LAWS = {
 }
 
 
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("class_name", LAWS)
+PAIRS = [  # every form and every law once; all pairs among the slow tests
+    pytest.param(form, law, marks=pytest.mark.slow if i % len(LAWS) != j else ())
+    for i, form in enumerate(FORMS)
+    for j, law in enumerate(LAWS)
+]
+
+
+@pytest.mark.parametrize(("form", "class_name"), PAIRS)
 def test_effect_beside_a_force_is_driven_by_the_relative_motion(tmp_path, form, class_name):
     values, law = LAWS[class_name]
     path = tmp_path / "Two.mo"

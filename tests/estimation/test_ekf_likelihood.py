@@ -168,6 +168,7 @@ def test_simulation_begins_where_it_fits_best():
     assert list(rms.values()) == pytest.approx([0.02, 0.01], rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_record_too_coarse_for_the_model_is_left_to_the_observer(monkeypatch):
     explicit, experiments = recordings(0, n=300)
     monkeypatch.setattr("daest.estimation.ekf_likelihood.FIT", replace(FIT, rough_substeps=0.0))

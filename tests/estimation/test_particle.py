@@ -69,6 +69,7 @@ def on_grid(y, points=None):
     return np.array(means), np.array(stds), log_likelihood
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("proposal", ["bootstrap", "ekf"])
 def test_growth_model_agrees_with_the_exact_filter(proposal):
     """Errors of the particle means are Monte Carlo errors: std / sqrt(effective particles), band of 4."""

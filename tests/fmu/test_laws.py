@@ -76,8 +76,15 @@ def followed(flat, name, size, by_size):
     return flat.form.method, found
 
 
-@pytest.mark.parametrize("name", FORMULAS)
-@pytest.mark.parametrize("compiled", [True, False])
+# By the interpreter one formula is enough: what differs there is the loop around it.
+COMPILED = [
+    pytest.param(name, compiled, marks=() if compiled or not i else pytest.mark.slow)
+    for i, name in enumerate(FORMULAS)
+    for compiled in (True, False)
+]
+
+
+@pytest.mark.parametrize(("name", "compiled"), COMPILED)
 def test_law_at_an_input(flat, monkeypatch, name, compiled):
     if not compiled:
         monkeypatch.setattr(binary_form, "engine_library", lambda *_: None)
@@ -129,6 +136,7 @@ def test_effects_of_another_form_are_refused(name):
     assert caught.value.code == "effect-law-outside" and caught.value.remedy
 
 
+@pytest.mark.slow
 def test_simulation_alone_has_no_slopes(flat):
     _, (states, outputs, slopes) = followed(flat, "QuadraticDrag", SIZE, False)
     assert slopes.shape == (41, 1, 0)

@@ -110,6 +110,7 @@ def test_after_all_kills_each_command_goes_on(place):
     assert left_over(place) == []
 
 
+@pytest.mark.slow
 def test_two_commands_at_once_in_one_folder(tmp_path):
     """The same command twice, with an empty cache and results that both write: both end well."""
     (tmp_path / "passing").mkdir()

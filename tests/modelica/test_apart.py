@@ -49,7 +49,8 @@ def zeroed(content: bytes) -> bytes:
     return content[: len(content) // 2] + bytes(len(content) - len(content) // 2)
 
 
-@pytest.mark.parametrize("damage", [pytest.param(garbage, marks=pytest.mark.slow), zeroed])
+@pytest.mark.slow
+@pytest.mark.parametrize("damage", [garbage, zeroed])
 def test_a_damaged_cache_is_made_anew(cache, damage):
     whole = names()
     assert any("compiler" in str(file) for file in kept_files(cache))

@@ -125,6 +125,7 @@ def test_speed_of_the_servo() -> None:
     assert min(seconds) < 0.3
 
 
+@pytest.mark.slow
 def test_large_arrays_grow_linearly(compiled: Compile) -> None:
     text = (
         "model N parameter Integer n = 100; Real x[n](each start = 1), y[n]; equation y = 3*x + x;"

@@ -59,6 +59,7 @@ def arrays(item: str) -> list[np.ndarray]:
     return found
 
 
+@pytest.mark.slow
 def test_long_recordings_make_no_large_page(long):
     document, series = long
     plots = [*comparison_plots(document, series), *frequency_plots(document, series)]

@@ -108,6 +108,7 @@ def test_names_leave_room_and_stay_in_the_picture(n_models, n_outputs, n_runs):
             )
 
 
+@pytest.mark.slow
 def test_names_of_models_stand_below_each_other():
     figure = comparison_figure(compared(8))
     figure.draw_without_rendering()

@@ -174,6 +174,7 @@ def test_internal_variables_carry_the_mean_noise_of_the_interval(damping):
     assert chi2.ppf(0.001, 299) < statistic < chi2.ppf(0.999, 299)
 
 
+@pytest.mark.slow
 def test_nonlinear_noise_has_the_stationary_density_of_its_potential():
     time = 1.0 * np.arange(801)
     result = simulate(integrated_noise(2.0), (time, np.zeros((time.size, 0))), noise=True, seed=4)
