@@ -10,7 +10,7 @@ from daest.data.prepare import resample
 from daest.diagnosis.diagnose import diagnose
 from daest.errors import ConfigError, ModelError
 from daest.estimation.filter import run_filter
-from daest.estimation.hold_search import ranked_holds
+from daest.estimation.hold_search import moving_inputs, ranked_holds
 from daest.estimation.identify import identify
 from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
@@ -157,6 +157,18 @@ def test_the_slope_of_an_input_that_runs_straight_is_there(tmp_path):
     np.testing.assert_allclose(run["y"][:4], np.diff(inputs[:, 0]) + 1.0)
     with pytest.raises(ModelError, match="time derivative of input u"):
         simulate(flat, (np.arange(5.0), inputs), hold="zoh(u)")
+
+
+def test_of_many_inputs_the_roughest_are_asked():
+    """One that stands still can be held or not, and one that hardly moves nearly so."""
+    n, rng = 50, np.random.default_rng(0)
+    names = ("still", *(f"u{i}" for i in range(8)), "ramp")
+    columns = [np.ones(n), *rng.normal(size=(8, n)), np.arange(n)]
+    data = Experiment("r", np.arange(float(n)), np.column_stack(columns), np.ones((n, 1)), names, ("y",))
+    found = moving_inputs([data], names)
+    assert len(found) == 6 and set(found) <= {f"u{i}" for i in range(8)}
+    assert list(found) == sorted(found)
+    assert moving_inputs([data], ("still", "ramp")) == ("ramp",)
 
 
 def test_inputs_that_differ_must_gain_more():

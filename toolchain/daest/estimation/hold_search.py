@@ -14,6 +14,8 @@ from daest.estimation.gates import FIT
 from daest.model.experiment import Experiment
 from daest.model.holds import HOLDS, Hold, held_inputs, mixed_hold
 
+MOST_TURNED = 6  # inputs that are taken the other way one after the other: each costs a short fit
+
 
 def ranked_holds(
     names: Sequence[str], likelihood: Callable[[Hold], float | None], first: Sequence[Hold] = HOLDS
@@ -41,7 +43,16 @@ def turned_hold(hold: Hold, name: str, names: Sequence[str]) -> Hold:
 
 
 def moving_inputs(experiments: Sequence[Experiment], names: Sequence[str]) -> tuple[str, ...]:
-    """The inputs whose course depends on the hold: those that change at all."""
-    return tuple(
-        name for name in names if any(np.any(np.diff(experiment.input(name))) for experiment in experiments)
-    )
+    """The inputs whose course depends on the hold: those that change, and of many the `MOST_TURNED` that
+    change most from sample to sample."""
+    rough = {name: max(_roughness(experiment.input(name)) for experiment in experiments) for name in names}
+    chosen = sorted((name for name in names if rough[name] > 0.0), key=lambda name: -rough[name])[
+        :MOST_TURNED
+    ]
+    return tuple(name for name in names if name in chosen)
+
+
+def _roughness(course: np.ndarray) -> float:
+    """Mean change between samples over the range of a course (n_samples,); 0 where it stands still."""
+    width = float(np.ptp(course))
+    return float(np.mean(np.abs(np.diff(course)))) / width if width > 0.0 else 0.0
