@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from daest.cli.options import gathered, hold_form
+from daest.cli.options import TOLD_HOLD, gathered, hold_form
 from daest.cli.output import emit, keep_inputs, note, whole_file
 from daest.errors import ConfigError
 
@@ -104,7 +104,8 @@ def export_estimator(
 
     flat, fit = _fitted(project, source, flat)
     names = [one.name for one in flat.inputs]
-    hold = checked_hold(options.hold or project.hold or fit.get("hold"), names, "--hold") or FOH
+    given = ((options.hold, "--hold"), (project.hold, TOLD_HOLD), (fit.get("hold"), "the fit"))
+    hold = next((checked_hold(one, names, where) for one, where in given if one), None) or FOH
     period = options.step or fit.get("period")
     if not isinstance(period, int | float):
         raise ConfigError(

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 FORMATS = (".png", ".svg", ".pdf")
 
+TOLD_HOLD = "[data] hold in daest.toml"
+
 
 def checked(_ctx: click.Context, parameter: click.Parameter, given: Path | None) -> Path | None:
     """The file of a picture. Raises ConfigError `plot-format` before anything is computed."""
@@ -175,7 +177,7 @@ class DataOptions:
 
         hold, where = self.hold, "--hold"
         if hold is None:
-            hold, where = project.hold, "[data] hold in daest.toml"
+            hold, where = project.hold, TOLD_HOLD
         if flat is not None:
             hold = checked_hold(hold, [one.name for one in flat.inputs], where)
         return FOH if self.hold is None and self.preparation(project).period is not None else hold

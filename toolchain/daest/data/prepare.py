@@ -249,10 +249,15 @@ def resample(experiment: Experiment, period: float, hold: Hold = FOH) -> Experim
     times = _aligned(even, first, n_new, period)
     weights = _filter_matrix(even.time, times, period, _low_pass)
     held = held_inputs(hold, even.input_names)
-    straight, kept = (
-        _filter_matrix(even.time + late, times, period, _low_pass_before_lines) for late in (0.0, 0.5 * own)
-    )
-    unused = kept if hold == ZOH else straight
+    driving = {
+        is_held: _filter_matrix(
+            even.time + (0.5 * own if is_held else 0.0), times, period, _low_pass_before_lines
+        )
+        for is_held in {hold == ZOH, *held.tolist()}
+    }
+    inputs = np.empty((times.size, held.size))
+    for is_held, matrix in driving.items():
+        inputs[:, held == is_held] = _apply(matrix, even.inputs[:, held == is_held])
     note = (
         f"{_RESAMPLED} {period:.6g} s behind a linear-phase low-pass filter "
         f"(half gain at {0.5 * CUTOFF / period:.4g} Hz); {half_width:.3g} s dropped at either end"
@@ -260,10 +265,12 @@ def resample(experiment: Experiment, period: float, hold: Hold = FOH) -> Experim
     return replace(
         experiment,
         time=times,
-        inputs=np.where(held, _apply(kept, even.inputs), _apply(straight, even.inputs)),
+        inputs=inputs,
         outputs=_apply(weights, even.outputs),
         # What the model does not use yet may become an input.
-        extra={name: _apply(unused, values[:, None])[:, 0] for name, values in even.extra.items()},
+        extra={
+            name: _apply(driving[hold == ZOH], values[:, None])[:, 0] for name, values in even.extra.items()
+        },
         notes=(*experiment.notes, note),
     )
 

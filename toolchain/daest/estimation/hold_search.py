@@ -22,21 +22,21 @@ def ranked_holds(
 ) -> list[Hold]:
     """The holds that were tried, likeliest first; those without a `likelihood` (None) are left out. `names`
     are inputs that may differ from the others."""
-    values = {hold: found for hold in first if (found := likelihood(hold)) is not None}
-    if not values:
-        return []
-    best = max(values, key=lambda hold: values[hold])
-    for name in names if len(names) > 1 else ():
-        other = turned_hold(best, name, names)
-        if other not in values:
-            found = likelihood(other)
-            if found is not None:
-                values[other] = found - (0.0 if other in HOLDS else FIT.min_mixed_hold_gain)
-                best = other if values[other] > values[best] else best
+    values: dict[Hold, float] = {}
+
+    def ask(hold: Hold) -> None:
+        found = None if hold in values else likelihood(hold)
+        if found is not None:
+            values[hold] = found - (0.0 if hold in HOLDS else FIT.min_mixed_hold_gain)
+
+    for hold in first:
+        ask(hold)
+    for name in names if values and len(names) > 1 else ():
+        ask(_turned(max(values, key=values.__getitem__), name, names))
     return sorted(values, key=lambda hold: -values[hold])
 
 
-def turned_hold(hold: Hold, name: str, names: Sequence[str]) -> Hold:
+def _turned(hold: Hold, name: str, names: Sequence[str]) -> Hold:
     """The hold with which the input `name` alone does the other thing."""
     held = {one for one, is_held in zip(names, held_inputs(hold, names), strict=True) if is_held}
     return mixed_hold(held ^ {name}, names)
@@ -46,9 +46,8 @@ def moving_inputs(experiments: Sequence[Experiment], names: Sequence[str]) -> tu
     """The inputs whose course depends on the hold: those that change, and of many the `MOST_TURNED` that
     change most from sample to sample."""
     rough = {name: max(_roughness(experiment.input(name)) for experiment in experiments) for name in names}
-    chosen = sorted((name for name in names if rough[name] > 0.0), key=lambda name: -rough[name])[
-        :MOST_TURNED
-    ]
+    moving = [name for name in names if rough[name] > 0.0]
+    chosen = sorted(moving, key=lambda name: -rough[name])[:MOST_TURNED]
     return tuple(name for name in names if name in chosen)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns, objective, parameter_scale
 from daest.estimation.gain_family import LONGEST_LOG
 from daest.estimation.gates import FIT
-from daest.estimation.hold_search import moving_inputs, ranked_holds, turned_hold
+from daest.estimation.hold_search import moving_inputs, ranked_holds
 from daest.estimation.records import part_of
 from daest.estimation.search import Evaluation, Found, minimise
 from daest.estimation.setup import check_start, no_start
@@ -145,18 +145,27 @@ def with_hold(
         return problem, z
     if problem.model.explicit.input_derivatives:
         return replace(problem, hold="foh"), z
-    lower, upper = limits(problem)
     ends: dict[Hold, Found] = {}
+    ranked = ranked_holds(_moving(problem), _short_fits(problem, z, ends))
+    return (replace(problem, hold=ranked[0]), ends[ranked[0]].z) if ranked else (problem, z)
+
+
+def _short_fits(
+    problem: TrajectoryProblem, z: np.ndarray, ends: dict[Hold, Found]
+) -> Callable[[Hold], float | None]:
+    """The likelihood of a hold after a short fit from z, whose end is put among `ends`, where those that are
+    there already are not fitted again."""
 
     def likelihood(hold: Hold) -> float | None:
-        found = minimise(objective(replace(problem, hold=hold)), z, lower, upper, HOLD_ITERATIONS)
-        if found is None:
-            return None
-        ends[hold] = found
-        return -found.evaluation.value
+        if hold not in ends:
+            other = objective(replace(problem, hold=hold))
+            found = minimise(other, z, *limits(problem), HOLD_ITERATIONS)
+            if found is None:
+                return None
+            ends[hold] = found
+        return -ends[hold].evaluation.value
 
-    ranked = ranked_holds(_moving(problem), likelihood)
-    return (replace(problem, hold=ranked[0]), ends[ranked[0]].z) if ranked else (problem, z)
+    return likelihood
 
 
 def _moving(problem: TrajectoryProblem) -> tuple[str, ...]:
@@ -172,18 +181,10 @@ def with_other_hold(
     explicit = problem.model.explicit
     if options.hold is not None or not explicit.flat.inputs or explicit.input_derivatives:
         return None
-    names = _moving(problem)
-    single = [turned_hold(problem.hold, name, names) for name in names if len(names) > 1]
-    best: tuple[Hold, np.ndarray] | None = None
-    limit = found.evaluation.value
-    for hold in dict.fromkeys([*HOLDS, *single]):
-        turned = None
-        if hold != problem.hold:
-            other = objective(replace(problem, hold=hold))
-            turned = minimise(other, found.z, *limits(problem), HOLD_ITERATIONS)
-        if turned is not None and turned.evaluation.value < limit:
-            best, limit = (hold, turned.z), turned.evaluation.value
-    return best
+    ends = {problem.hold: found}
+    first = tuple(dict.fromkeys([problem.hold, *HOLDS]))
+    best = ranked_holds(_moving(problem), _short_fits(problem, found.z, ends), first)[0]
+    return None if best == problem.hold else (best, ends[best].z)
 
 
 def check_nonlinear_start(problem: TrajectoryProblem, z: np.ndarray, may_be_cut: bool) -> None:

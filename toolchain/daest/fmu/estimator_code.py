@@ -114,7 +114,6 @@ class EstimatorModel:
             "EST_NV": len(self.values),
             "EST_NTHETA": len(self.parameters) if self.is_tunable else 0,
             "EST_FOH": int(self.hold != ZOH),
-            "EST_KEPT": sum(1 << j for j in np.flatnonzero(held_inputs(self.hold, self.inputs)).tolist()),
             **self.form.sizes,
         }
 
@@ -164,7 +163,9 @@ def _sizes(model: EstimatorModel, is_float: bool) -> str:
     lines += ["#define ESTIMATOR_SIZES_H", *(["#define ESTIMATOR_FLOAT"] if is_float else [])]
     lines += [f"#define {name} {value}" for name, value in (model.sizes | model.form.constants).items()]
     sources = [str(source) for source in model.slopes] or ["0"]
-    lines += [f"#define EST_SLOPES {{{', '.join(sources)}}}", "#endif"]
+    lines.append(f"#define EST_SLOPES {{{', '.join(sources)}}}")
+    kept = [str(int(is_held)) for is_held in held_inputs(model.hold, model.inputs)] or ["0"]
+    lines += [f"#define EST_KEPT {{{', '.join(kept)}}}", "#endif"]
     return "\n".join(lines) + "\n"
 
 

@@ -13,7 +13,17 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from daest.modelica.outline import Token, arguments, class_heads, class_tokens, closing, depths, name_end
+from daest.modelica.outline import (
+    Edit,
+    Token,
+    arguments,
+    class_heads,
+    class_tokens,
+    closing,
+    depths,
+    edited,
+    name_end,
+)
 
 _CLOCKS = ("Clock", "ClockInput", "ClockOutput")
 _DISCRETE = ("Boolean", "Integer")
@@ -37,35 +47,26 @@ class _Call:
 
 @dataclass
 class _Text:
-    """A text with edits: byte ranges, and what is to stand there instead."""
+    """A text, and what is to be changed in it."""
 
     text: bytes
-    edits: list[tuple[int, int, bytes]] = field(default_factory=list)
+    edits: list[Edit] = field(default_factory=list)
     count: int = 0
 
-    def edited(self) -> bytes:
-        text = self.text
-        for start, end, new in sorted(self.edits, reverse=True):
-            text = text[:start] + new + text[end:]
-        return text
+    def replaced(self, words: Sequence[Token], new: str) -> str:
+        """What the words said, on one line; `new` stands there now, with spaces for the rest."""
+        old = self.text[words[0].start : words[-1].end]
+        rest = re.sub(rb"[^\r\n]", b" ", old[len(new) :]).decode()
+        self.edits.append(Edit(words[0].start, words[-1].end, new + rest))
+        return " ".join(old.decode("utf-8", "replace").split())
 
-    def replaced(self, start: int, end: int, new: bytes) -> bytes:
-        """What stood there, on one line; `new` stands there now, with spaces for the rest."""
-        old = self.text[start:end]
-        self.edits.append((start, end, new + re.sub(rb"[^\r\n]", b" ", old[len(new) :])))
-        return b" ".join(old.split())
-
-    def named(self, prefix: str, words: Sequence[Token], call: _Call) -> tuple[bytes, bytes]:
+    def named(self, prefix: str, words: Sequence[Token]) -> tuple[str, str]:
         """A new name that stands for a call, and the call; no name where the call is shorter than it."""
-        start, end = words[call.first].start, words[call.behind - 1].end
-        name = f"{prefix}{self.count + 1}".encode()
-        if len(name) > end - start:
-            return b"", b""
+        name = f"{prefix}{self.count + 1}"
+        if len(name) > words[-1].end - words[0].start:
+            return "", ""
         self.count += 1
-        return name, self.replaced(start, end, name)
-
-    def blanked(self, words: Sequence[Token]) -> None:
-        self.replaced(words[0].start, words[-1].end, b"")
+        return name, self.replaced(words, name)
 
 
 def with_named_clocks(text: bytes) -> bytes:
@@ -85,21 +86,22 @@ def _with_declarations(text: bytes) -> bytes:
     that of what they use either way."""
     made = _Text(text)
     for words in _classes(text):
-        known: dict[str, bytes] = {}
-        declared = b""
+        known: dict[str, str] = {}
+        declared = ""
         for call in _clocks(words):
-            said = "".join(word.text for word in words[call.first : call.behind])
+            called = words[call.first : call.behind]
+            said = "".join(word.text for word in called)
             if said == "Clock()" and words[call.first - 1].text == "when":
-                made.blanked(words[call.first - 1 : call.behind + 1])
-                made.blanked(_end_of_when(words, call.behind))
+                made.replaced(words[call.first - 1 : call.behind + 1], "")
+                made.replaced(_end_of_when(words, call.behind), "")
             elif said in known:
-                made.replaced(words[call.first].start, words[call.behind - 1].end, known[said])
+                made.replaced(called, known[said])
             else:
-                name, value = made.named("clk__", words, call)
-                declared += b" Clock " + name + b" = " + value + b";" if name else b""
+                name, value = made.named("clk__", called)
+                declared += f" Clock {name} = {value};" if name else ""
                 known |= {said: name} if name else {}
         _declare(made, words, declared)
-    return made.edited()
+    return edited(text, made.edits)
 
 
 def _end_of_when(words: Sequence[Token], at: int) -> Sequence[Token]:
@@ -114,21 +116,20 @@ def _with_equations(text: bytes) -> bytes:
     """The text with names in place of sample(…), and their equations."""
     made = _Text(text)
     for words in _classes(text):
-        declared = equations = b""
+        declared = equations = ""
         for call in _samples(words):
             if call.target:
-                value = made.replaced(words[call.start].start, words[call.behind - 1].end, b"")
-                equations += b" " + call.target.encode() + b" " + value + b";"
+                equations += f" {call.target} {made.replaced(words[call.start : call.behind], '')};"
                 continue
-            name, value = made.named("sam__", words, call)
+            name, value = made.named("sam__", words[call.first : call.behind])
             if name:
-                declared += b" " + call.type_name.encode() + b" " + name + b";"
-                equations += b" " + name + b" = " + value + b";"
+                declared += f" {call.type_name} {name};"
+                equations += f" {name} = {value};"
         _declare(made, words, declared)
         if equations:
             at, word = _equations_begin(words)
-            made.edits.append((at, at, word + equations + b" "))
-    return made.edited()
+            made.edits.append(Edit(at, at, f"{word}{equations} "))
+    return edited(text, made.edits)
 
 
 def _classes(text: bytes) -> Iterator[list[Token]]:
@@ -137,10 +138,10 @@ def _classes(text: bytes) -> Iterator[list[Token]]:
             yield class_tokens(text, head)
 
 
-def _declare(made: _Text, words: Sequence[Token], declared: bytes) -> None:
+def _declare(made: _Text, words: Sequence[Token], declared: str) -> None:
     if declared:
         at = _head_end(words)
-        made.edits.append((at, at, declared + b" "))
+        made.edits.append(Edit(at, at, f"{declared} "))
 
 
 def _head_end(words: Sequence[Token]) -> int:
@@ -155,15 +156,15 @@ def _head_end(words: Sequence[Token]) -> int:
     return words[at - 1].end
 
 
-def _equations_begin(words: Sequence[Token]) -> tuple[int, bytes]:
+def _equations_begin(words: Sequence[Token]) -> tuple[int, str]:
     """Where equations of the class may stand, and the word before them where it has no section of them."""
     last = words[-1].end
     for i, (_, depth) in enumerate(depths(words)):
         if words[i].text == "equation" and words[i - 1].text != "initial":
-            return words[i].end, b""
+            return words[i].end, ""
         if depth == 0 and words[i].text == "annotation" and words[i - 1].text == ";":
             last = words[i - 1].end
-    return last, b" equation"
+    return last, " equation"
 
 
 def _clocks(words: Sequence[Token]) -> Iterator[_Call]:

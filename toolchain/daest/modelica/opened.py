@@ -27,12 +27,14 @@ from daest.modelica.outline import (
     CLOSE,
     OPEN,
     ClassHead,
+    Edit,
     Token,
     arguments,
     class_heads,
     class_tokens,
     closing,
     depths,
+    edited,
     offset_of,
 )
 
@@ -53,22 +55,6 @@ _BLOCKS = ("if", "for", "when", "while")
 
 class NotOpened(Exception):
     """The text is of a form that cannot be opened; the message says why, as the end of "it …"."""
-
-
-@dataclass(frozen=True)
-class Edit:
-    """Bytes from `start` to `end` that become `text`."""
-
-    start: int
-    end: int
-    text: str
-
-
-def edited(source: bytes, edits: Iterable[Edit]) -> bytes:
-    """The text with edits that do not overlap."""
-    for edit in sorted(edits, key=lambda e: (e.start, e.end), reverse=True):
-        source = source[: edit.start] + edit.text.encode() + source[edit.end :]
-    return source
 
 
 # Balances ---------------------------------------------------------------------------------------------------

@@ -150,6 +150,22 @@ def offset_of(source: bytes, place: Place) -> int:
     return sum(len(line) + 1 for line in lines[: (place.line or 1) - 1]) + len(before.encode())
 
 
+@dataclass(frozen=True)
+class Edit:
+    """Bytes from `start` to `end` that become `text`."""
+
+    start: int
+    end: int
+    text: str
+
+
+def edited(source: bytes, edits: Iterable[Edit]) -> bytes:
+    """The text with edits that do not overlap."""
+    for edit in sorted(edits, key=lambda e: (e.start, e.end), reverse=True):
+        source = source[: edit.start] + edit.text.encode() + source[edit.end :]
+    return source
+
+
 def check_depth(file: str, source: bytes) -> None:
     """Raise ModelError where brackets nest, or one expression chains operators, too deeply to be read
     safely."""

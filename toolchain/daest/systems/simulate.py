@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from daest.errors import DaestError, ModelError, NumericalError
 from daest.model.experiment import Experiment, Simulation
 from daest.model.flat import Dynamics, ExplicitModel, FlatModel, Model, events_refused
-from daest.model.holds import Hold, held_inputs
+from daest.model.holds import Hold, held_inputs, interval_ends
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.projection import pull
@@ -458,9 +458,10 @@ def _nonlinear_noisy(
     states[0] = task.x0
     lengths = np.append(task.steps, task.steps[-1:] if task.steps.size else 1.0)
     w = rng.standard_normal((task.time.size, intensity.size)) * np.sqrt(intensity / lengths[:, None])
+    rises = interval_ends(task.u, task.hold, [one.name for one in task.explicit.flat.inputs]) - task.u[:-1]
     for k in range(task.steps.size):
         states[k + 1], mean = _noisy_interval(
-            slopes, hold, task, k, states[k], w[k] if held else None, intensity, rng
+            slopes, hold, task, k, rises[k], states[k], w[k] if held else None, intensity, rng
         )
         w[k] = w[k] if held else mean
         if not np.all(np.isfinite(states[k + 1])):
@@ -476,18 +477,18 @@ def _noisy_interval(
     hold: ca.Function | None,
     task: _Task,
     k: int,
+    rise: np.ndarray,
     x: np.ndarray,
     held: np.ndarray | None,
     intensity: np.ndarray,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """State at the end of interval k, and the mean of w over it, from x at its start.
+    """State at the end of interval k, in which the inputs rise by `rise` (n_u,), and the mean of w over it,
+    from x at its start.
 
     Local linearisation (Jimenez & Ozaki): per substep the exact solution, mean and covariance, of the model
     linearised at the substep's start in x and at its middle in u and t; order 2 in the drift."""
     step = float(task.steps[k])
-    kept = held_inputs(task.hold, [one.name for one in task.explicit.flat.inputs])
-    rise = np.where(kept, 0.0, task.u[k + 1] - task.u[k])
     w = np.zeros(intensity.size) if held is None else held
     total = np.zeros(intensity.size)
     for number in range(SUBSTEPS):

@@ -126,6 +126,7 @@ static void weighted(const est_real *a, const est_real *q, est_real scale, const
 /* The model over a step; e->s keeps it while steps and knobs stay. */
 static int sampled(Estimator *e, est_real h) {
     static const int sources[EST_ARRAY(EST_NUB - EST_NU)] = EST_SLOPES;
+    static const unsigned char kept[EST_ARRAY(EST_NU)] = EST_KEPT; /* inputs that keep their value over a step */
     EstSampled *s = &e->s;
     EstMatrices *m = &e->m;
     est_real W[EST_ARRAY(EST_NX * EST_NX)], first[EST_ARRAY(EST_NX * EST_NX)], second[EST_ARRAY(EST_NX * EST_NX)];
@@ -142,7 +143,7 @@ static int sampled(Estimator *e, est_real h) {
             for (int j = 0; j < NUB; ++j) {
                 const est_real whole = s->now[i * NUB + j], part = ramp[i * NUB + j] / h;
                 if (j < NU) {
-                    if (EST_KEPT >> j & 1) continue; /* this input keeps its value over the step */
+                    if (kept[j]) continue;
                     s->now[i * NUB + j] = whole - part;
                     s->next[i * NUB + j] = part;
                 } else { /* the slope of an input over the whole step */

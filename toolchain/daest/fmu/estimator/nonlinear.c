@@ -99,6 +99,7 @@ static int onto_constraints(const Estimator *e, const Work *k) {
 /* Mean and covariance from the last sample to the inputs u at `time`. */
 static int advance_to(Estimator *e, Work *k, double time, const real *u) {
     static const int sources[EST_ARRAY(EST_NUB - EST_NU)] = EST_SLOPES;
+    static const unsigned char kept[EST_ARRAY(EST_NU)] = EST_KEPT;
     const real step = (real)(time - e->time);
     real u0[AT_LEAST_ONE(NU)], u1[AT_LEAST_ONE(NU)];
     Substep work[2];
@@ -106,7 +107,7 @@ static int advance_to(Estimator *e, Work *k, double time, const real *u) {
     int status;
     for (int j = 0; j < EST_NU; ++j) {
         u0[j] = e->ubar[j];
-        u1[j] = EST_KEPT >> j & 1 ? u0[j] : u[j];
+        u1[j] = kept[j] ? u0[j] : u[j];
     }
     for (int j = EST_NU; j < NU; ++j) u0[j] = u1[j] = e->ubar[j] = (u[sources[j - EST_NU]] - u0[sources[j - EST_NU]]) / step;
     if (EST_UKF) {
