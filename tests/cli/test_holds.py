@@ -66,6 +66,7 @@ def test_what_is_no_hold_is_refused(room, daest, command, hold, told):
     code, out, err = daest(command, "--hold", hold)
     assert (code, out) == (2, "")
     assert told in err
+    assert "--hold" in err
 
 
 def test_a_wrong_name_in_the_project_is_refused(room, daest):

@@ -1,6 +1,7 @@
 """What a command takes from the command line, and what from daest.toml."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -28,4 +29,4 @@ def test_command_line_comes_before_the_project():
     ],
 )
 def test_hold(options, project, hold):
-    assert options.known_hold(project) == hold
+    assert options.known_hold(project, SimpleNamespace(inputs=())) == hold

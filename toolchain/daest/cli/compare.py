@@ -184,7 +184,7 @@ def _refitted(
     from daest.cli.identify import identified, keep_fit
     from daest.model.fit import IdentifyOptions
 
-    choice = IdentifyOptions(hold=options.known_hold(project, flat), seed=seed)
+    choice = IdentifyOptions(seed=seed)
     if parameters is not None:
         choice = parameters.among(choice)
     fit = identified(project, source, (), options, choice, flat=flat)

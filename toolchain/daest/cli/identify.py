@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -139,7 +139,6 @@ def command(
         method=method,
         likelihood=likelihood,
         profile=profile or ((ALL,) if profile_plot is not None else ()),
-        hold=data_options.known_hold(project),
         shooting=shooting,
         starts=starts,
         seed=seed,
@@ -194,7 +193,7 @@ def identified(
         flat = model_options.load(project, source)
     loaded = flat
     flat, estimation, validation = training_data(loaded, project, data, data_options, others=others)
-    options = options or IdentifyOptions(hold=data_options.known_hold(project, flat))
+    options = replace(options or IdentifyOptions(), hold=data_options.known_hold(project, flat))
     is_long = bool(options.profile or bootstrap or options.starts > 1)
     with progress() if is_long else nullcontext(silent) as tell:
         result = identify(flat, estimation, options, validation, tell)

@@ -169,7 +169,7 @@ class DataOptions:
         names = [one.name for one in flat.inputs]
         return self.known_hold(project, flat) or checked_hold(kept, names, "the fit") or FOH
 
-    def known_hold(self, project: Project, flat: Model | None = None) -> Hold | None:
+    def known_hold(self, project: Project, flat: Model) -> Hold | None:
         """What the inputs do between samples: the option, else straight lines after resampling (a filtered
         input is no longer held, whatever the original was), else what daest.toml says of the recording; None
         if unknown. Raises ConfigError `option-hold` where it names what is no input of `flat`."""
@@ -178,8 +178,7 @@ class DataOptions:
         hold, where = self.hold, "--hold"
         if hold is None:
             hold, where = project.hold, TOLD_HOLD
-        if flat is not None:
-            hold = checked_hold(hold, [one.name for one in flat.inputs], where)
+        hold = checked_hold(hold, [one.name for one in flat.inputs], where)
         return FOH if self.hold is None and self.preparation(project).period is not None else hold
 
 
