@@ -240,7 +240,11 @@ def features() -> Iterator[Feature]:
         (("x", 1.0, 6.0),),
     )
     yield Feature(
-        area, "`delay`", "Real x(start = 1, fixed = true); equation der(x) = -delay(x, 0.5);", (), True
+        area,
+        "`delay(e, T)`, T estimated as well; `delay(e, T, Tmax)`",
+        "parameter Real T = 0.4; Real x = sin(3*time), y, z;\n"
+        "equation y = delay(x, T); z = delay(x, 0.2 + 0.1*sin(time), 0.4);",
+        (("y", 2.0, math.sin(3 * (2 - 0.4))), ("z", 2.0, math.sin(3 * (2 - 0.2 - 0.1 * math.sin(2))))),
     )
     area = "Functions"
     yield Feature(

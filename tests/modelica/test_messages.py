@@ -123,11 +123,11 @@ CASES = {
     ),
     "type": ('model M\n Real x;\nequation\n x = "a";\nend M;', "model-type", (4, 2), "String", "same type"),
     "delay": (
-        "model M\n Real x, y;\nequation\n x = time;\n y = delay(x, 0.1);\nend M;",
-        "model-unsupported",
+        "model M\n Real x, y;\nequation\n x = time;\n y = delay(x, x);\nend M;",
+        "model-delay",
         (5, 6),
-        "`delay`",
-        "lag",
+        "`x` of a delay",
+        "Tmax",
     ),
     "pre": (
         "model M\n Real x, y;\nequation\n x = time;\n y = pre(x);\nend M;",
@@ -284,7 +284,7 @@ def test_message(compiled: Compile, name: str) -> None:
 
 
 def test_errors_name_the_line_in_a_file_with_windows_line_ends_and_mark(compiled: Compile) -> None:
-    text = "model M\r\n Real x;\r\nequation\r\n x = delay(time, 0.1);\r\nend M;\r\n"
+    text = "model M\r\n Real x;\r\nequation\r\n x = delay(time, -1);\r\nend M;\r\n"
     error = failure(lambda: compiled(b"\xef\xbb\xbf" + text.encode()))
     assert isinstance(error.where, Place) and (error.where.line, error.where.column) == (4, 6)
 

@@ -891,6 +891,11 @@ EXPLANATIONS: dict[str, str] = {
         "The Modelica compiler itself broke. The model may be right; leave out parts until it compiles to "
         "find the construct that the compiler cannot do."
     ),
+    "model-delay": (
+        "delay(e, T) becomes a set of linear equations for what e was over the last T seconds, so T has to be "
+        "a positive number that follows from parameters. A time that moves needs a longest one: "
+        "delay(e, T, Tmax) keeps the last Tmax seconds and reads at T."
+    ),
     "model-der-expression": (
         "der() must be applied to a variable. Introduce a variable for the expression: `Real q = h*A;` and "
         "`der(q)`."

@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeGuard
 
 from daest.errors import ModelError
 from daest.modelica import syntax as s
-from daest.modelica.dialect import CONSTRUCTOR, DER, MARK
+from daest.modelica.dialect import CONSTRUCTOR, MARK, OPERATORS
 from daest.modelica.text import text
 
 _BINARY = {
@@ -333,9 +333,10 @@ def _builtin(value: dict[str, Any], at: s.Span | None) -> s.Node:
 
 def _call(value: dict[str, Any], at: s.Span | None) -> s.Call:
     constructor = bool(value.get("is_constructor"))
-    if value["name"]["name"] == DER:
-        return s.Call("der", _expressions(value["args"]), builtin=True, span=at)
-    return s.Call(value["name"]["name"], _expressions(value["args"]), constructor=constructor, span=at)
+    name = value["name"]["name"]
+    if name in OPERATORS:
+        return s.Call(OPERATORS[name], _expressions(value["args"]), builtin=True, span=at)
+    return s.Call(name, _expressions(value["args"]), constructor=constructor, span=at)
 
 
 def _conditional(value: dict[str, Any], at: s.Span | None) -> s.Node:

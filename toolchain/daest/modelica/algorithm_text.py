@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from daest.modelica import syntax as s
-from daest.modelica.dialect import DER, MARK
+from daest.modelica.dialect import MARK, OPERATORS
 from daest.modelica.expressions import split_path
 from daest.modelica.function_text import StatementParser
 from daest.modelica.outline import Token, class_heads, class_tokens
@@ -163,8 +163,8 @@ class _Names:
         made = s.rebuilt(node, lambda part: self.changed(part, local))
         if isinstance(made, s.Name) and made.name not in local:
             return self._full(made)
-        if isinstance(made, s.Call) and made.function == DER:
-            return replace(made, function="der", builtin=True)
+        if isinstance(made, s.Call) and made.function in OPERATORS:
+            return replace(made, function=OPERATORS[made.function], builtin=True)
         return made
 
     def _full(self, node: s.Name) -> s.Node:

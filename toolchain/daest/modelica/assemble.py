@@ -17,6 +17,7 @@ from daest.modelica import values as v
 from daest.modelica.balance import unbalanced
 from daest.modelica.clocks import without_clocks
 from daest.modelica.connectors import without_empty_members
+from daest.modelica.delays import without_delays
 from daest.modelica.events import Kept, finished, kept
 from daest.modelica.expressions import refusal
 from daest.modelica.functions import run_algorithm
@@ -60,7 +61,7 @@ class _Parts:
 
 def assemble(source: s.FlatSource, file: str) -> FlatModel:
     """The FlatModel of a flat source. Raises ModelError with place and remedy."""
-    source = without_clocks(without_empty_members(with_settled_parameters(source)))
+    source = without_delays(without_clocks(without_empty_members(with_settled_parameters(source))))
     reading = Reading(source)
     for what, span in _refused_statements(source):
         raise refusal(what, reading.sources.place(span))

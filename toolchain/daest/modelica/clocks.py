@@ -25,7 +25,7 @@ from daest.modelica.failures import CLOCKED_REMEDY
 from daest.modelica.functions import assigned
 from daest.modelica.parameters import is_parameter
 from daest.modelica.reading import Reading
-from daest.modelica.specialise import specialised
+from daest.modelica.specialise import specialised, with_numbers
 from daest.modelica.text import text
 
 _BETWEEN_CLOCKS = ("hold", "subSample", "superSample", "shiftSample", "backSample", "noClock")
@@ -85,7 +85,7 @@ class _Partitions:
 
     def read(self) -> _Partitions:
         source = self.reading.source
-        self.equations = [_with_numbers(one) for one in source.equations]
+        self.equations = [with_numbers(one) for one in source.equations]
         for when in source.whens:
             if len(when.branches) == 1 and self._is_clock(when.branches[0][0]):
                 self._take_when(when)
@@ -479,16 +479,6 @@ def _variable(
         binding=None,
         is_bus_member=False,
     )
-
-
-def _with_numbers(equation: s.FlatEquation) -> s.FlatEquation:
-    """The equation with numbers for the iterators of its loops."""
-    if not equation.bound:
-        return equation
-    numbers = {name: s.Constant(value) for name, value in equation.bound}
-    left = specialised(equation.left, numbers, lambda _: None)
-    right = equation.right and specialised(equation.right, numbers, lambda _: None)
-    return replace(equation, left=left, right=right, bound=())
 
 
 def _simple(body: Sequence[s.Statement], where: Place | None) -> Iterator[s.Statement]:

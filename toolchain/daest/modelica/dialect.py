@@ -1,8 +1,10 @@
 """Modelica text in the words that the compiler takes, line by line the same.
 
-Two constructs are written otherwise, everywhere in a library and in the user's file:
+Three constructs are written otherwise, everywhere in a library and in the user's file:
 
 - der(expression) becomes a call of a function of the same length, which the equations then differentiate;
+  delay(expression, time) another one, because the compiler asks for times that are no Integer and know no
+  loop;
 - an external object (a table that C code reads) becomes an Integer, and its constructor a function beside it
   whose result is multiplied by one: the compiler mistakes the size of what a function of a matrix gives where
   it is used alone.
@@ -49,16 +51,31 @@ from daest.modelica.outline import (
     tokens,
 )
 
-DER = "deR"
-"""The function that stands for der() of an expression."""
+DER, DELAY = "deR", "delaY"
+"""The functions that stand for der() of an expression and for delay()."""
 
-DER_FILE = f"""within ;
+OPERATORS = {DER: "der", DELAY: "delay"}
+"""What the functions stand for."""
+
+OPERATOR_FILES = {
+    DER: f"""within ;
 function {DER}
   input Real x;
   output Real y;
 external "C" y = {DER}(x);
 end {DER};
-"""
+""",
+    DELAY: f"""within ;
+function {DELAY}
+  input Real x;
+  input Real T;
+  input Real longest = 0;
+  output Real y;
+external "C" y = {DELAY}(x, T, longest);
+end {DELAY};
+""",
+}
+"""The files that declare them, by name."""
 
 MARK = "daest:"
 """How the message of an assertion begins that stands for a hidden algorithm section: its number and the names
@@ -70,9 +87,16 @@ CONSTRUCTOR = "_constructor"
 _C_TABLES = b"ModelicaStandardTables_"
 
 _SKIPPED = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
-_DER = re.compile(rb"\bder(\s*\()")
 _WORD = rb"[A-Za-z_]\w*(?:\s*\[[^\]()]*\])?"
-_PLAIN = re.compile(rb"\s*\.?\s*" + _WORD + rb"(?:\s*\.\s*" + _WORD + rb")*\s*\)")
+_PLAIN = rb"\s*\.?\s*" + _WORD + rb"(?:\s*\.\s*" + _WORD + rb")*\s*\)"
+_DER = re.compile(rb"(?P<call>\bder)\s*\((?!" + _PLAIN + rb")")
+# A call: behind an operator, not with modifiers as a component of that name. Of nested ones the inner: the
+# compiler takes no other.
+_DELAY = re.compile(
+    rb"(?:[=(,*/+{<>^-]|\bthen\b|\belse\b)\s*(?P<call>\bdelay)\s*"
+    rb"\((?!\s*(?:each\b|final\b|redeclare\b|[A-Za-z_]\w*\s*=(?!=)|\)))"
+    rb"(?!(?:[^()]|\([^()]*\))*\bdelay\s*\()"
+)
 _OBJECT = re.compile(
     rb"\bclass(\s+)([A-Za-z_]\w*)((?:\s+\"(?:[^\"\\]|\\.)*\")?\s*)extends\s+ExternalObject\s*;"
 )
@@ -93,7 +117,9 @@ def adapted(text: bytes) -> bytes:
     if b"ExternalObject" in text:
         text = _without_objects(text)
     text = _with_full_imports(_without_inner_bases(text.replace(_C_TABLES, _C_TABLES.upper())))
-    return _with_marked_rates(text) if b"der" in text else text
+    if b"delay" in text:
+        text = _with_marked(text, _DELAY, DELAY)
+    return _with_marked(text, _DER, DER) if b"der" in text else text
 
 
 _IMPORTED = re.compile(rb"\bimport\s+((?:[A-Za-z_]\w*\.)+([A-Za-z_]\w*))\s*;")
@@ -141,18 +167,17 @@ def external_objects(text: bytes) -> tuple[str, ...]:
     return tuple(match[2].decode() for match in _OBJECT.finditer(text))
 
 
-def _with_marked_rates(text: bytes) -> bytes:
-    """`der(a*b)` as `deR(a*b)`; comments and strings stay."""
+def _with_marked(text: bytes, calls: re.Pattern[bytes], name: str) -> bytes:
+    """`der(a*b)` as `deR(a*b)`; comments and strings stay. `name` is as long as the operator."""
     made = bytearray(text)
     skipped = [match.span() for match in _SKIPPED.finditer(text)]
     at = 0
-    for match in _DER.finditer(text):
-        while at < len(skipped) and skipped[at][1] <= match.start():
+    for match in calls.finditer(text):
+        start = match.start("call")
+        while at < len(skipped) and skipped[at][1] <= start:
             at += 1
-        if at < len(skipped) and skipped[at][0] <= match.start():
-            continue
-        if not _PLAIN.match(text, match.end()):
-            made[match.start() : match.start() + 3] = DER.encode()
+        if at == len(skipped) or skipped[at][0] > start:
+            made[start : start + len(name)] = name.encode()
     return bytes(made)
 
 

@@ -19,11 +19,11 @@ from pathlib import Path
 from daest.cache import cache_folder, forget_unused, keep_content, kept_content, was_used
 from daest.modelica.complex_text import COMPLEX, with_parts
 from daest.modelica.components import Classes
-from daest.modelica.dialect import DER, DER_FILE, adapted, external_objects, with_constructors
+from daest.modelica.dialect import OPERATOR_FILES, adapted, external_objects, with_constructors
 from daest.modelica.library import BYTE_ORDER_MARK, MOST_KEPT, Roots, library_name, put_in_place, stamp
 from daest.modelica.outline import class_heads
 
-_VERSION = "24"  # of what is kept; another one throws away what is there
+_VERSION = "25"  # of what is kept; another one throws away what is there
 _STRIP = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
 _ALIAS = re.compile(
@@ -264,7 +264,8 @@ def _written(
             inside = f"{library_name(library.entry)}/{place}" if place else f"{full}.mo"
             text = with_parts(texts[full], classes) if full in with_complex else texts[full]
             _write(draft / inside, with_constructors(adapted(text), objects))
-        _write(draft / f"{DER}.mo", DER_FILE.encode())
+        for name, content in OPERATOR_FILES.items():
+            _write(draft / f"{name}.mo", content.encode())
         put_in_place(draft, root)
         forget_unused(root.parent, MOST_KEPT)
     was_used(root)
@@ -301,7 +302,7 @@ def _write(file: Path, content: bytes) -> None:
 
 def adapted_text(text: bytes, roots: Roots) -> bytes:
     """The user's text for the compiler, with a comment that makes it load all libraries of the excerpt."""
-    names = sorted({Path(made).stem for made in roots.origins} | {DER})
+    names = sorted({Path(made).stem for made in roots.origins} | set(OPERATOR_FILES))
     objects = roots.objects
     if any(Path(made).stem == COMPLEX for made in roots.origins):
         text = with_parts(text, Classes(lambda full: _read_of(full, text, roots)))

@@ -38,9 +38,8 @@ RELATIONS: dict[str, Callable[[Scalar, Scalar], Scalar]] = {
     "<>": lambda a, b: a != b,
 }
 _REFUSAL_REMEDY = (
-    "Write when-clauses with sample(start, interval) for clocks, and a first-order lag for a delay; let a "
-    "source be an input, and its values a column of the recording; or export the model by your own tool as "
-    "an FMU, which all commands take."
+    "Write when-clauses with sample(start, interval) for clocks; let a source be an input, and its values a "
+    "column of the recording; or export the model by your own tool as an FMU, which all commands take."
 )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from daest.modelica import syntax as s
@@ -19,6 +20,16 @@ def specialised(node: s.Node, known: Mapping[str, s.Node], decide: Decide) -> s.
     """`x[i - 1]` with i = 3 -> `x[2]`; `if i > 1 then a else b` -> `a`. Conditions on constants are
     decided."""
     return _replaced(node, known, decide)
+
+
+def with_numbers(equation: s.FlatEquation) -> s.FlatEquation:
+    """The equation with numbers for the iterators of its loops."""
+    if not equation.bound:
+        return equation
+    numbers = {name: s.Constant(value) for name, value in equation.bound}
+    left = specialised(equation.left, numbers, lambda _: None)
+    right = equation.right and specialised(equation.right, numbers, lambda _: None)
+    return replace(equation, left=left, right=right, bound=())
 
 
 def _replaced(node: Any, known: Mapping[str, s.Node], decide: Decide) -> Any:
