@@ -9,8 +9,15 @@ from scipy.interpolate import Akima1DInterpolator, PchipInterpolator
 
 from daest.modelica import tables
 from daest.modelica.compile import compile_text
+from daest.modelica.table_files import Folders
 from daest.modelica.values import from_flat
 from daest.systems.simulate import simulate
+
+
+def called(name: str, arguments):
+    """The one result of a function that reads no file."""
+    return tables.results(name, arguments, Folders())[0]
+
 
 ROWS = [(0.0, 1.0), (1.0, 3.0), (1.0, 0.0), (2.5, 2.0)]
 
@@ -23,12 +30,12 @@ def table(name: str, smoothness: int = tables.LINEAR, extrapolation: int = table
     else:
         given = ["NoName", "NoName", rows, more.get("start", 0.0), columns, smoothness, extrapolation]
         given.append(more.get("shift", 0.0))
-    return tables.called(f"Modelica.Blocks.Types.{name}_constructor", given)
+    return called(f"Modelica.Blocks.Types.{name}_constructor", given)
 
 
 def at(function: str, made, points: np.ndarray) -> np.ndarray:
     u = ca.SX.sym("u")
-    value = tables.called(function, [made, 1, u])
+    value = called(function, [made, 1, u])
     return ca.Function("value", [u], [value])(points[None, :]).full().ravel()
 
 
@@ -63,7 +70,7 @@ INSIDE = np.linspace(-1, 6, 141)
 def smooth(kind: int, extrapolation: int = tables.LAST) -> np.ndarray:
     rows, columns = from_flat(list(np.c_[X, Y].ravel()), (X.size, 2)), from_flat([2], (1,))
     given = ["NoName", "NoName", rows, columns, kind, extrapolation]
-    return tables.called("Modelica.Blocks.Types.ExternalCombiTable1D_constructor", given)
+    return called("Modelica.Blocks.Types.ExternalCombiTable1D_constructor", given)
 
 
 @pytest.mark.parametrize(("kind", "method"), [(tables.AKIMA, "akima"), (tables.MODIFIED_AKIMA, "makima")])
@@ -104,8 +111,8 @@ def test_a_smooth_curve_over_a_step_is_refused():
 def walked(made, until: float) -> list[tuple[float, float]]:
     """Instants and values of a table over time, from event to event: at its end, then just behind it."""
     t, following, value = ca.SX.sym("t"), ca.SX.sym("next"), []
-    after = ca.Function("next", [t], [tables.called("getNextTimeEvent", [made, t])])
-    reading = tables.called("getTimeTableValue", [made, 1, t, following, following])
+    after = ca.Function("next", [t], [called("getNextTimeEvent", [made, t])])
+    reading = called("getTimeTableValue", [made, 1, t, following, following])
     read = ca.Function("read", [t, following], [reading])
     now = 0.0
     while now < until:
@@ -138,17 +145,17 @@ def test_a_table_begins_later():
 def test_rows_at_one_place_are_a_step(extrapolation):
     rows, columns = from_flat([20.0, 0.0, 20.0, 1.0], (2, 2)), from_flat([2], (1,))
     given = ["NoName", "NoName", rows, columns, tables.CONSTANT, extrapolation]
-    made = tables.called("Modelica.Blocks.Types.ExternalCombiTable1D_constructor", given)
+    made = called("Modelica.Blocks.Types.ExternalCombiTable1D_constructor", given)
     assert at("getTable1DValue", made, np.array([0.0, 19.9, 20.0, 30.0])) == pytest.approx([0, 0, 1, 1])
 
 
 def test_a_time_table_of_one_instant_steps_at_its_event():
     rows, columns = from_flat([20.0, 0.0, 20.0, 1.0], (2, 2)), from_flat([2], (1,))
     given = ["NoName", "NoName", rows, 0.0, columns, tables.CONSTANT, tables.HOLD, 0.0]
-    made = tables.called("Modelica.Blocks.Types.ExternalCombiTimeTable_constructor", given)
+    made = called("Modelica.Blocks.Types.ExternalCombiTimeTable_constructor", given)
     t = ca.SX.sym("t")
-    following = tables.called("getNextTimeEvent", [made, t])
-    values = [tables.called("getTimeTableValue", [made, 1, t, f, 0.0]) for f in (20.0, following)]
+    following = called("getNextTimeEvent", [made, t])
+    values = [called("getTimeTableValue", [made, 1, t, f, 0.0]) for f in (20.0, following)]
     both = ca.Function("both", [t], [following, *values])
     assert [float(one) for one in both(5.0)] == [20.0, 0.0, 0.0]
     assert float(both(20.5)[2]) == 1.0
@@ -191,4 +198,4 @@ def test_a_time_table_whose_rows_go_back_is_refused():
     rows = from_flat([0.0, 1.0, 2.0, 3.0, 1.0, 0.0], (3, 2))
     name = "Modelica.Blocks.Sources.TimeTable.getInterpolationCoefficients"
     with pytest.raises(ValueError, match="must not decrease"):
-        tables.results(name, [rows, 0.0, 0.0, ca.SX.sym("t"), 1, 1e-13, 0.0])
+        tables.results(name, [rows, 0.0, 0.0, ca.SX.sym("t"), 1, 1e-13, 0.0], Folders())

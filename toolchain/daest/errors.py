@@ -892,7 +892,7 @@ EXPLANATIONS: dict[str, str] = {
         "find the construct that the compiler cannot do."
     ),
     "model-delay": (
-        "delay(e, T) becomes a set of linear equations for what e was over the last T seconds, so T has to be "
+        "delay(e, T) becomes linear equations for what e was over the last T seconds, so T has to be "
         "a positive number that follows from parameters. A time that moves needs a longest one: "
         "delay(e, T, Tmax) keeps the last Tmax seconds and reads at T."
     ),
@@ -956,6 +956,12 @@ EXPLANATIONS: dict[str, str] = {
     "model-too-large": (
         "Values cancel what the structure of a large model promises, so its index would have to be found by "
         "dense algebra, which takes too much time and memory at this size. Split the model."
+    ),
+    "model-table-file": (
+        "A table of the model stands in a file that is not there or cannot be read. A relative name means a "
+        "file beside that of the model, `modelica://Library/Resources/…` one in the folder of the library. "
+        "Text files have `double NAME(ROWS, COLUMNS)` and the numbers behind it, .mat files (of versions 4 "
+        "to 7) a matrix of that name, .csv files nothing but the matrix behind nHeaderLines."
     ),
     "model-type": "Two sides of an equation, or a value and its declaration, differ in type, size or unit.",
     "model-unbalanced": (

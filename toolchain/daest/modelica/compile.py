@@ -28,6 +28,7 @@ from daest.modelica.modifications import check_modifications
 from daest.modelica.outline import class_heads, tokens
 from daest.modelica.parameters import is_parameter
 from daest.modelica.source import read_source, select_class
+from daest.modelica.table_files import Folders
 
 __all__ = ["compile_model", "compile_text", "declare", "with_values"]
 
@@ -141,7 +142,17 @@ def _settled(job: Job) -> tuple[Job, s.FlatSource]:
     """The flat source of the job, in which `outer` components see what the `inner` ones are given."""
     source = compile_source(job)
     settled = with_inner_values(source, job)
-    return (job, source) if settled is job else (settled, compile_source(settled))
+    found = source if settled is job else compile_source(settled)
+    return settled, replace(found, folders=_folders(job))
+
+
+def _folders(job: Job) -> Folders:
+    """Where the model's files with tables are: beside its file, in its own package, and in the libraries."""
+    entries = [entry for folder in job.roots.folders for entry in library_entries(folder)]
+    entries += job.roots.origins.values()
+    own = [folder for folder in job.path.resolve().parents if (folder / "package.mo").is_file()]
+    libraries = {library_name(one): one.parent if one.is_file() else one for one in (*entries, *own[-1:])}
+    return Folders(job.path.parent, tuple(libraries.items()))
 
 
 def _structural(source: s.FlatSource, flat: FlatModel, overrides: Mapping[str, float]) -> dict[str, str]:

@@ -33,6 +33,7 @@ from pathlib import Path
 from typing import Any
 
 from daest.errors import ModelError
+from daest.modelica.function_text import find_function, hidden
 from daest.modelica.modifications import check_class_modification
 from daest.modelica.outline import (
     CLOSE,
@@ -117,10 +118,27 @@ def adapted(text: bytes) -> bytes:
     if b"ExternalObject" in text:
         text = _without_objects(text)
     text = _with_full_imports(_without_inner_bases(text.replace(_C_TABLES, _C_TABLES.upper())))
+    for name in _LOOPS_OVER_LETTERS:
+        if b"function %s" % name.encode() in text and (function := find_function(text, name)):
+            text = hidden(text, function)
+    text = _NAMED.sub(lambda match: b" " * len(match[0]), text)
+    if b"loadResource" in text:
+        text = _LOADED.sub(lambda match: b" " * len(match[0]), text)
     if b"delay" in text:
         text = _with_marked(text, _DELAY, DELAY)
     return _with_marked(text, _DER, DER) if b"der" in text else text
 
+
+# Functions of Modelica.Utilities.Strings that tell what kind of file a table stands in.
+_LOOPS_OVER_LETTERS = ("find", "findLast")
+
+# A condition on the name of a table's file that the compiler cannot have in an argument; it is met otherwise.
+_NAMED = re.compile(rb"\band\s+not\s+Modelica\.Utilities\.Strings\.isEmpty\(fileName\)")
+
+# The call that makes a path of an URI; files are found by the URI itself.
+_LOADED = re.compile(
+    rb"(?<=[=(,])(\s*)((?:\.?Modelica\.Utilities\.Files\.|\.?ModelicaServices\.ExternalReferences\.)loadResource)(?=\s*\()"
+)
 
 _IMPORTED = re.compile(rb"\bimport\s+((?:[A-Za-z_]\w*\.)+([A-Za-z_]\w*))\s*;")
 

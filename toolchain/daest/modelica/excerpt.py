@@ -23,7 +23,7 @@ from daest.modelica.dialect import OPERATOR_FILES, adapted, external_objects, wi
 from daest.modelica.library import BYTE_ORDER_MARK, MOST_KEPT, Roots, library_name, put_in_place, stamp
 from daest.modelica.outline import class_heads
 
-_VERSION = "25"  # of what is kept; another one throws away what is there
+_VERSION = "28"  # of what is kept; another one throws away what is there
 _STRIP = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
 _ALIAS = re.compile(

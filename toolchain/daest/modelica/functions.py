@@ -14,6 +14,7 @@ from daest.modelica import tables
 from daest.modelica import values as v
 from daest.modelica.expressions import Evaluator, PathPart, field_of, indexed, refusal
 from daest.modelica.operators import BUILTINS, integer
+from daest.modelica.table_files import Folders, TableFileError
 from daest.modelica.text import text
 from daest.modelica.values import Record, Value
 
@@ -34,12 +35,13 @@ _UNASSIGNED = _Unassigned()
 @dataclass
 class FunctionLibrary:
     """The functions of one model; calling it runs one. `constants` are names that functions may read, `paths`
-    component paths."""
+    component paths, `folders` those of files with tables."""
 
     functions: Mapping[str, s.Function]
     locate: Callable[[s.Span | None], Place | None]
     constants: Callable[[str], Value | None]
     paths: Callable[[Sequence[PathPart]], Value | None]
+    folders: Folders = field(default_factory=Folders)
     depth: int = field(default=0)
 
     def __call__(
@@ -48,7 +50,9 @@ class FunctionLibrary:
         """The results of function `name`. Raises ModelError naming the call where it cannot be run."""
         last = name.rpartition(".")[2]
         if tables.is_table(name):
-            return _table(name, arguments, evaluator)
+            return self._table(name, arguments, evaluator)
+        if name.startswith(STRINGS) and last in _OF_STRINGS:
+            return (_OF_STRINGS[last](*arguments),)
         function = self.functions.get(name) or self._by_last_part(last)
         if function is None or function.is_external:
             if last in BUILTINS:
@@ -73,6 +77,14 @@ class FunctionLibrary:
         finally:
             self.depth -= 1
         return self._for_each_element(function, arguments, shape, evaluator)
+
+    def _table(self, name: str, arguments: Sequence[Value], evaluator: Evaluator) -> tuple[Value, ...]:
+        try:
+            return tables.results(name, arguments, self.folders)
+        except TableFileError as problem:
+            raise evaluator.error("model-table-file", str(problem), None, problem.remedy) from None
+        except ValueError as problem:
+            raise evaluator.error("model-function", str(problem), None, _TABLE_REMEDY) from None
 
     def _for_each_element(
         self, function: s.Function, arguments: Sequence[Value], shape: tuple[int, ...], evaluator: Evaluator
@@ -169,11 +181,31 @@ def _not_executable(name: str, function: s.Function | None, evaluator: Evaluator
     return evaluator.error("model-function", what, None, remedy)
 
 
-def _table(name: str, arguments: Sequence[Value], evaluator: Evaluator) -> tuple[Value, ...]:
-    try:
-        return tables.results(name, arguments)
-    except ValueError as problem:
-        raise evaluator.error("model-function", str(problem), None, _TABLE_REMEDY) from None
+STRINGS = "Modelica.Utilities.Strings."
+
+
+def _find(
+    text: Value, wanted: Value, start: Value, is_case_sensitive: Value = True, last: bool = False
+) -> Value:
+    """Where `wanted` begins in the text, from 1 on, 0 if nowhere; `start` is where the search begins, 0 the
+    end of the text for the last one."""
+    whole, part = str(text), str(wanted)
+    if not is_case_sensitive:
+        whole, part = whole.lower(), part.lower()
+    at = int(start)  # type: ignore[arg-type]
+    found = (
+        whole.rfind(part, 0, at - 1 + len(part) if at else None) if last else whole.find(part, max(at - 1, 0))
+    )
+    return found + 1
+
+
+# Functions of Modelica.Utilities.Strings, which the library writes in C or by loops over letters.
+_OF_STRINGS: dict[str, Callable[..., Value]] = {
+    "length": lambda text: len(str(text)),
+    "isEmpty": lambda text: not str(text).strip(),
+    "find": lambda text, wanted, start=1, exact=True: _find(text, wanted, start, exact),
+    "findLast": lambda text, wanted, start=0, exact=True: _find(text, wanted, start, exact, True),
+}
 
 
 def _record(function: s.Function, arguments: Sequence[Value]) -> Record:

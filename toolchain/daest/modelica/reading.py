@@ -54,7 +54,8 @@ class Reading:
         return self.targets | {x.target.name for body in bodies for x in body if isinstance(x, s.Reinit)}
 
     def library(self, scope: ModelScope) -> FunctionLibrary:
-        return FunctionLibrary(self.source.functions, self.sources.place, scope.lookup, scope.path)
+        source = self.source
+        return FunctionLibrary(source.functions, self.sources.place, scope.lookup, scope.path, source.folders)
 
     def declared_at(self, variable: s.FlatVariable) -> Place | None:
         """The place of the variable's identifier in its declaration."""

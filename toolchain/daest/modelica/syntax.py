@@ -10,6 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, Literal
 
+from daest.modelica.table_files import Folders
+
 
 @dataclass(frozen=True, slots=True)
 class Span:
@@ -320,6 +322,7 @@ class FlatSource:
     settled: frozenset[str] = frozenset()  # variables that keep the value that the start gives them
     texts: dict[int, tuple[str, bytes]] = field(default_factory=dict)  # source number -> file name, text
     own: tuple[int, ...] = ()  # the number of the file that was asked for
+    folders: Folders = field(default_factory=Folders)  # where files with tables are looked for
 
 
 def rebuilt(node: Any, change: Callable[[Any], Any]) -> Any:

@@ -1,5 +1,6 @@
-"""The tables of the Modelica Standard Library (`CombiTable1D`, `CombiTimeTable`, `TimeTable`) as expressions,
-where their values stand in the model: the library reads them in C, or by a loop that ends where time tells.
+"""The tables of the Modelica Standard Library (`CombiTable1D`, `CombiTable2D`, `CombiTimeTable`, `TimeTable`)
+as expressions, of rows that stand in the model or in a file: the library reads them in C, or by a loop that
+ends where time tells.
 
 A table is a matrix whose first column is the abscissa. Between its rows values lie on straight lines or
 cubics, or are constant; outside they go on, stay or repeat, as the library defines it (types `Smoothness` and
@@ -7,7 +8,7 @@ cubics, or are constant; outside they go on, stay or repeat, as the library defi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 from daest.modelica import values as v
 from daest.modelica.dialect import CONSTRUCTOR
 from daest.modelica.operators import integer
+from daest.modelica.table_files import Folders, read_table
 from daest.modelica.values import Record, Scalar, Value
 
 # Ordinals of Modelica.Blocks.Types.Smoothness.
@@ -25,14 +27,26 @@ HOLD, LAST, PERIODIC, NONE = 1, 2, 3, 4  # ordinals of Modelica.Blocks.Types.Ext
 NEAR = 1e-9  # share of a period by which an instant may miss the end of one
 NEVER = 1e60  # what the library gives as the next instant where there is none
 
+_FILE = ("verboseRead", "delimiter", "nHeaderLines")
 _FIELDS = {
-    "ExternalCombiTable1D": ("tableName", "fileName", "table", "columns", "smoothness", "extrapolation"),
+    "ExternalCombiTable1D": (
+        *("tableName", "fileName", "table", "columns", "smoothness", "extrapolation"),
+        *_FILE,
+    ),
+    "ExternalCombiTable2D": ("tableName", "fileName", "table", "smoothness", "extrapolation", *_FILE),
     "ExternalCombiTimeTable": (
         *("tableName", "fileName", "table", "startTime", "columns"),
         *("smoothness", "extrapolation", "shiftTime", "timeEvents"),
+        *_FILE,
     ),
 }
-_DEFAULTS = {"extrapolation": LAST, "shiftTime": 0.0, "timeEvents": 1}
+_DEFAULTS: dict[str, Any] = {
+    "extrapolation": LAST,
+    "shiftTime": 0.0,
+    "timeEvents": 1,
+    "delimiter": ",",
+    "nHeaderLines": 0,
+}
 
 
 _COEFFICIENTS = "Modelica.Blocks.Sources.TimeTable.getInterpolationCoefficients"
@@ -46,19 +60,31 @@ def is_table(name: str) -> bool:
     }
 
 
-def results(name: str, arguments: Sequence[Value]) -> tuple[Value, ...]:
-    """The results of the function. Raises ValueError with what is not supported."""
-    return _coefficients(*arguments) if name == _COEFFICIENTS else (called(name, arguments),)  # type: ignore[arg-type]
-
-
-def called(name: str, arguments: Sequence[Value]) -> Value:
-    """The value of a function with one result. Raises ValueError with what is not supported."""
+def results(name: str, arguments: Sequence[Value], folders: Folders) -> tuple[Value, ...]:
+    """The results of the function; `folders` are those of files. Raises ValueError with what is not
+    supported."""
+    if name == _COEFFICIENTS:
+        return _coefficients(*arguments)  # type: ignore[arg-type]
     short = _short(name)
     if short.endswith(CONSTRUCTOR):
-        fields = _FIELDS[short.removesuffix(CONSTRUCTOR)]
-        given = dict(zip(fields, arguments, strict=False))
-        return Record({**{key: _DEFAULTS.get(key, 0.0) for key in fields}, **given})
-    return _READERS[short](*arguments)
+        return (_constructed(_FIELDS[short.removesuffix(CONSTRUCTOR)], arguments, folders),)
+    return (_READERS[short](*arguments),)
+
+
+def _constructed(names: Sequence[str], arguments: Sequence[Value], folders: Folders) -> Record:
+    """A table with its rows, wherever they stand."""
+    given = dict(zip(names, arguments, strict=False))
+    fields = {**{key: _DEFAULTS.get(key, 0.0) for key in names}, **given}
+    file = fields["fileName"]
+    if isinstance(file, str) and file not in ("NoName", ""):
+        found = read_table(
+            folders.file(file),
+            str(fields["tableName"]),
+            str(fields["delimiter"]),
+            integer(v.constant(fields["nHeaderLines"])),
+        )
+        fields["table"] = found.astype(object)
+    return Record(fields)
 
 
 def _short(name: str) -> str:
@@ -69,18 +95,29 @@ def _columns(table: Value, column: Value) -> tuple[np.ndarray, list[Scalar]]:
     """Abscissae and values of one column of a table."""
     assert isinstance(table, Record)
     matrix, columns = table.fields["table"], table.fields["columns"]
-    if not isinstance(matrix, np.ndarray) or matrix.ndim != 2 or matrix.size == 0 or _is_on_file(table):
-        raise ValueError("the table stands in a file; write its rows into the model (tableOnFile = false)")
+    matrix = _matrix(matrix)
     number = integer(v.constant(column))  # type: ignore[arg-type]
     chosen = integer(columns.flat[number - 1] if isinstance(columns, np.ndarray) else columns)
-    abscissae = [v.constant(x) for x in matrix[:, 0]]
-    if any(isinstance(x, ca.SX) for x in abscissae):
-        raise ValueError("the first column of a table must be numbers")
-    return np.array(abscissae, dtype=float), list(matrix[:, chosen - 1])
+    if chosen > matrix.shape[1]:
+        raise ValueError(f"the table has {matrix.shape[1]} columns, no number {chosen}")
+    return _abscissae(matrix[:, 0], "column"), list(matrix[:, chosen - 1])
 
 
-def _is_on_file(table: Record) -> bool:
-    return table.fields["fileName"] not in ("NoName", "", 0.0)
+def _matrix(table: Value) -> np.ndarray:
+    """The rows of a table. Raises ValueError where it has none, or says that a C function has them."""
+    if not isinstance(table, np.ndarray) or table.ndim != 2 or table.size == 0:
+        raise ValueError("the table has no rows: give `table`, or `fileName` where tableOnFile = true")
+    return table
+
+
+def _abscissae(values: Iterable[Scalar], what: str) -> np.ndarray:
+    found = [v.constant(x) for x in values]
+    if any(isinstance(x, ca.SX) for x in found):
+        raise ValueError(f"the first {what} of a table must be numbers")
+    made = np.array(found, dtype=float)
+    if np.any(np.diff(made) < 0):
+        raise ValueError(f"the first {what} of a table must not decrease")
+    return made
 
 
 def _kinds(table: Value) -> tuple[int, int]:
@@ -205,6 +242,39 @@ def _if(condition: Any, yes: Any, no: Any) -> Any:
     return yes if bool(condition) else no
 
 
+# Tables over two variables ---------------------------------------------------------------------------------
+
+
+def _grid(table: Value) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The grids of u1 (n,) and u2 (m,), and the values between (n, m)."""
+    assert isinstance(table, Record)
+    matrix = _matrix(table.fields["table"])
+    if min(matrix.shape) < 2:
+        raise ValueError("a table over two variables needs two rows and two columns at least")
+    return _abscissae(matrix[1:, 0], "column"), _abscissae(matrix[0, 1:], "row"), matrix[1:, 1:]
+
+
+def _surface(table: Value, u1: Value, u2: Value) -> Value:
+    """The value of a table at (u1, u2): along u2 in each row, then between the rows."""
+    x1, x2, values = _grid(table)
+    smoothness, extrapolation = _kinds(table)
+    if smoothness not in (LINEAR, CONSTANT):
+        raise ValueError("a smooth surface over two variables is not supported: write linear segments")
+    if extrapolation == PERIODIC:
+        raise ValueError("a table over two variables that repeats is not supported")
+
+    def along(x: np.ndarray, y: Sequence[Scalar], at: Any) -> Any:
+        return y[0] if x.size == 1 else _piece(x, y, at, lambda i: at >= x[i], smoothness, extrapolation)
+
+    return along(x1, [along(x2, list(row), u2) for row in values], u1)
+
+
+def _ends(table: Value, last: int) -> np.ndarray:
+    """The first (`last` 0) or last (-1) abscissae of u1 and u2 (2,)."""
+    x1, x2, _ = _grid(table)
+    return np.array([float(x1[last]), float(x2[last])], dtype=object)
+
+
 # Tables over time -------------------------------------------------------------------------------------------
 
 
@@ -297,6 +367,11 @@ _READERS: dict[str, Callable[..., Value]] = {
     "getTable1DValueNoDer2": _value,
     "getTable1DAbscissaUmin": lambda table: float(_columns(table, 1)[0][0]),
     "getTable1DAbscissaUmax": lambda table: float(_columns(table, 1)[0][-1]),
+    "getTable2DValue": _surface,
+    "getTable2DValueNoDer": _surface,
+    "getTable2DValueNoDer2": _surface,
+    "getTable2DAbscissaUmin": lambda table: _ends(table, 0),
+    "getTable2DAbscissaUmax": lambda table: _ends(table, -1),
     "getTimeTableValue": _time_value,
     "getTimeTableValueNoDer": _time_value,
     "getTimeTableValueNoDer2": _time_value,
