@@ -12,7 +12,6 @@ from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.event_trial import FILTERED
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
-from daest.errors import ModelError
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 from daest.modelica.effects import effect_library
@@ -117,12 +116,6 @@ def test_one_step_errors_of_a_loop_with_process_noise_are_those_of_the_filter():
     assert one.tests["nis"]["w"].p_value > 0.01
 
 
-def test_improving_in_rounds_refuses(drive):
-    with pytest.raises(ModelError) as caught:
-        improve(drive, (), [recording(drive, 1, 60)])
-    assert "diagnose" in caught.value.remedy
-
-
 @pytest.mark.slow
 def test_friction_behind_a_sampled_controller_is_found():
     model = compile_text(DRIVE.encode(), Path("Drive.mo"))
@@ -146,3 +139,20 @@ def test_nothing_is_found_where_nothing_is_missing(drive):
     )
     found = diagnose(drive, effect_library(), [recording(drive, 1)], [recording(drive, 9)], options)
     assert found.verdict == "nothing missing"
+
+
+@pytest.mark.slow
+def test_two_effects_behind_a_sampled_controller_are_added_one_by_one():
+    both = RUBS.replace(
+        "  Daest.Effects.Rotational.CoulombFriction",
+        "  Daest.Effects.Rotational.ConstantLoad pull(tau_0 = 0.05);\n"
+        "  Daest.Effects.Rotational.CoulombFriction",
+    ).replace("end Drive;", "  connect(pull.flange, rotor.flange_b);\nend Drive;")
+    model = compile_text(DRIVE.encode(), Path("Drive.mo"))
+    true = compile_text(both.encode(), Path("Drive.mo"))
+    options = DiagnoseOptions(hold="zoh", jobs=1, effects=("CoulombFriction", "ConstantLoad"))
+    found = improve(model, effect_library(), [recording(true, 1)], [recording(true, 9)], options)
+    names = [step.proof.candidate.effect.name for step in found.steps if step.proof is not None]
+    assert sorted(names) == ["ConstantLoad", "CoulombFriction"]
+    errors = [step.fit.simulated["validation"].rms["w"] for step in found.steps]
+    assert errors[0] > errors[1] > errors[2] and errors[2] == pytest.approx(0.05, rel=0.15)

@@ -550,8 +550,8 @@ EXPLANATIONS: dict[str, str] = {
     "events-not-supported": (
         "The model has when-clauses, reinit, pre or sample. Simulation follows them, linearize and noise "
         "take the mode of the start, identify fits the whole simulation (oe); filters follow them, too. "
-        "Diagnosis judges the whole simulation. Fits of predictions from sample to sample, comparison and "
-        "improvement in rounds do not follow events yet."
+        "Diagnosis, in rounds too, and comparison judge the whole simulation. Fits of predictions from "
+        "sample to sample, exported estimators and loops with a controller of their own do not follow events."
     ),
     "events-sample-interval": (
         "sample(start, interval) was given an interval that is not positive. Give a positive time in seconds."
@@ -953,15 +953,15 @@ EXPLANATIONS: dict[str, str] = {
         "The file is not valid Modelica. The message gives file, line and column, and what was expected "
         "there; the cause is often a missing `;` before."
     ),
-    "model-too-large": (
-        "Values cancel what the structure of a large model promises, so its index would have to be found by "
-        "dense algebra, which takes too much time and memory at this size. Split the model."
-    ),
     "model-table-file": (
         "A table of the model stands in a file that is not there or cannot be read. A relative name means a "
         "file beside that of the model, `modelica://Library/Resources/…` one in the folder of the library. "
         "Text files have `double NAME(ROWS, COLUMNS)` and the numbers behind it, .mat files (of versions 4 "
         "to 7) a matrix of that name, .csv files nothing but the matrix behind nHeaderLines."
+    ),
+    "model-too-large": (
+        "Values cancel what the structure of a large model promises, so its index would have to be found by "
+        "dense algebra, which takes too much time and memory at this size. Split the model."
     ),
     "model-type": "Two sides of an equation, or a value and its declaration, differ in type, size or unit.",
     "model-unbalanced": (

@@ -148,9 +148,9 @@ def diagnose(
         return diagnose_black_box(flat, library, *halved(experiments, validation), options, progress)
     flat = with_equations(flat, "a diagnosis from inside")
     if flat.events is not None:
-        quiet, both = without_noises(flat), halved(experiments, validation)
-        found_at = _chosen(library, sites(quiet), both[0], options)
-        return diagnose_switching(quiet, found_at, *both, options, progress)
+        return diagnose_switching(
+            *switching_case(flat, library, experiments, validation, options), options, progress
+        )
     stand, limits = limited(begin(flat, experiments, validation, options, progress), library, options)
     found = examine(stand, library, options, progress)
     better, other = better_hold(stand, found), unsettled_hold(stand, found)
@@ -164,6 +164,19 @@ def diagnose(
     is_second = says_as_much(second.proofs, found) if better else says_more(second.proofs, stand)
     best = beside_limits(second, held, held_limits) if is_second else beside_limits(found, stand, limits)
     return replace(best, seconds=found.seconds + second.seconds)
+
+
+def switching_case(
+    flat: FlatModel,
+    library: Sequence[Effect],
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment],
+    options: DiagnoseOptions,
+) -> tuple[FlatModel, tuple[Candidate, ...], tuple[Experiment, ...], tuple[Experiment, ...]]:
+    """Of a model with events what is diagnosed by its simulation: the model without its noises, the
+    candidates, the data for estimation and those for validation."""
+    quiet, (estimation, unseen) = without_noises(flat), halved(experiments, validation)
+    return quiet, _chosen(library, sites(quiet), estimation, options), tuple(estimation), tuple(unseen)
 
 
 def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from daest.diagnosis.candidates import fed
 from daest.diagnosis.diagnose import (
     AGAIN,
     BACK,
@@ -29,6 +30,7 @@ from daest.diagnosis.diagnose import (
     proved_beside,
     says_as_much,
     says_more,
+    switching_case,
     unsettled_hold,
 )
 from daest.diagnosis.gates import GATES
@@ -36,14 +38,15 @@ from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import SHARPER, Trial
 from daest.diagnosis.screen import promising_pairs
 from daest.diagnosis.settled import FAILURES
+from daest.diagnosis.switching import diagnose_switching
 from daest.diagnosis.unseen import is_better, is_likelier, is_worse
-from daest.errors import EstimationError, ModelError
+from daest.errors import EstimationError
 from daest.model.defaults import MOST_EFFECTS
-from daest.model.diagnosis import Diagnosis, Improvement, Proof, Screened, Step
+from daest.model.diagnosis import Candidate, Diagnosis, Improvement, Proof, Screened, Step
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
-from daest.model.flat import FlatModel
+from daest.model.flat import FlatModel, with_equations
 from daest.model.holds import Hold, hold_text
 from daest.numerics.deadline import OutOfTimeError, until
 
@@ -104,15 +107,12 @@ def improve(
     most_effects: int = MOST_EFFECTS,
     progress: Progress = lambda _: None,
 ) -> Improvement:
-    """Add effects one by one. Every round goes into the ledger, also the last one, which adds nothing."""
-    if flat.events is not None:
-        raise ModelError(
-            "events-not-supported",
-            "the model changes at events (when, reinit, pre, sample), and improving it in rounds does not "
-            "follow them",
-            remedy="`daest diagnose` names the effect, `daest extend` puts it in; then diagnose again.",
-        )
+    """Add effects one by one. Every round goes into the ledger, also the last one, which adds nothing. To a
+    model with events the best effect of each round is added, judged by the whole simulation."""
     options = (options or DiagnoseOptions()).begun()
+    if flat.events is not None:
+        case = switching_case(flat, library, experiments, validation, options)
+        return _improved_switching(_Rounds(*case, options, progress), most_effects)
     asis = begin(flat, experiments, validation, options, progress)
     stand, limits = limited(asis, library, options)
     steps = [Step(None, asis.told, None, "the model as it is")]
@@ -144,6 +144,63 @@ def improve(
     again = replace(options, hold=hold)
     other_way = improve(flat, library, experiments, validation, again, most_effects, progress)
     return other_way if says_more(_last_added(other_way), stand) else nothing
+
+
+@dataclass(frozen=True)
+class _Rounds:
+    """What `diagnose_switching` takes: the model with the effects that were added, and the rest."""
+
+    flat: FlatModel
+    candidates: tuple[Candidate, ...]
+    estimation: tuple[Experiment, ...]
+    validation: tuple[Experiment, ...]
+    options: DiagnoseOptions
+    progress: Progress
+
+    def diagnosis(self) -> Diagnosis:
+        return diagnose_switching(
+            self.flat, self.candidates, self.estimation, self.validation, self.options, self.progress
+        )
+
+    def beside(self, proof: Proof) -> _Rounds:
+        """The next round, with the effect of the proof in the model and the columns that feed it."""
+        return replace(
+            self,
+            flat=with_equations(proof.flat, "a further round"),
+            estimation=fed(self.estimation, proof.candidate),
+            validation=fed(self.validation, proof.candidate),
+        )
+
+
+def _improved_switching(task: _Rounds, most_effects: int) -> Improvement:
+    """Rounds of a model with events. Raises what the first diagnosis raises."""
+    found = task.diagnosis()
+    steps = [Step(None, found.baseline, None, "the model as it is")]
+    while True:
+        accepted = [proof for proof in found.proofs if proof.verdict != "rejected"]
+        best = next((proof for proof in accepted if _helps(steps[-1].fit, proof)), None)
+        if best is None:
+            reason = found.message
+            if accepted:
+                label = accepted[0].candidate.label
+                reason = f"{label} is supported, but it does not lower the validation error."
+            break
+        steps.append(Step(best, best.told, found, _remark(best)))
+        task.progress(f"added {best.candidate.label}")
+        if len(steps) > most_effects or task.options.is_over:
+            reason = f"The limit of {most_effects} effects is reached."
+            if task.options.is_over:
+                reason = f"{OUT_OF_TIME} before another effect was looked for."
+            break
+        task = task.beside(best)
+        try:
+            found = task.diagnosis()
+        except EstimationError as error:
+            if error.code != "diagnose-no-candidate":
+                raise
+            reason = "No other effect was to be searched for."
+            break
+    return Improvement(tuple(steps), found, reason, found.baseline.hold)
 
 
 def _told(path: _Path) -> Improvement:
@@ -228,8 +285,7 @@ def _with_best(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path:
 
 
 def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _Path:
-    remark = f"not separable from {', '.join(proof.not_separable_from)}" if proof.not_separable_from else ""
-    step = Step(proof, proof.told, diagnosis, remark or "supported")
+    step = Step(proof, proof.told, diagnosis, _remark(proof))
     task.progress(f"added {proof.candidate.label}")
     grown = _Path(accept(path.stand, proof, task.options.jobs), (*path.steps, step))
     with suppress(OutOfTimeError), until(task.options.until):
@@ -237,6 +293,11 @@ def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _
     if len(grown.steps) - len(task.first) >= task.most_effects:
         return grown.ended(diagnosis, f"The limit of {task.most_effects} effects is reached.")
     return grown
+
+
+def _remark(proof: Proof) -> str:
+    others = ", ".join(proof.not_separable_from)
+    return f"not separable from {others}" if others else "supported"
 
 
 def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
