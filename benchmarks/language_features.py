@@ -176,9 +176,9 @@ def features() -> Iterator[Feature]:
     )
     yield Feature(
         area,
-        "expandable connectors with declared members",
+        "expandable connectors, also with members that connections add",
         "package P connector I = input Real; connector O = output Real;\nexpandable connector B "
-        "Real s; end B;\n"
+        "end B;\n"
         "block S B b; O y; equation y = time; connect(y, b.s); end S;\n"
         "block T B b; I u; Real x(start = 0, fixed = true); equation connect(b.s, u); der(x) = u; end T;\n"
         "model M S s; T t; B b; equation connect(s.b, b); connect(b, t.b); end M; end P;",

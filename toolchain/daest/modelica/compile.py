@@ -11,6 +11,7 @@ from daest.model.flat import FlatModel
 from daest.modelica import failures
 from daest.modelica import syntax as s
 from daest.modelica.assemble import assemble
+from daest.modelica.bus_members import expandable_connectors
 from daest.modelica.change import declare, with_values
 from daest.modelica.compiler import Job, compile_source, modification, with_room
 from daest.modelica.dialect import Names, adapted, with_named_classes, without_broken, without_quotes
@@ -94,7 +95,7 @@ def _excerpt(folders: Sequence[Path], text: bytes, path: Path) -> Roots | None:
     words = {token.text for token in tokens(text) if token.kind == "name"}
     if known & words:
         return excerpt(entries, bundled, text, path)
-    if adapted(text) != text:
+    if adapted(text) != text or expandable_connectors(text):
         return excerpt([], bundled, text, path)
     # A text that names no library is compiled in no time where the compiler has not to look at any.
     is_named = any(library_name(entry) in words for folder in bundled for entry in library_entries(folder))

@@ -17,13 +17,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from daest.cache import cache_folder, forget_unused, keep_content, kept_content, was_used
+from daest.modelica.bus_members import bus_members, with_members
 from daest.modelica.complex_text import COMPLEX, with_parts
 from daest.modelica.components import Classes
 from daest.modelica.dialect import OPERATOR_FILES, adapted, external_objects, with_constructors
 from daest.modelica.library import BYTE_ORDER_MARK, MOST_KEPT, Roots, library_name, put_in_place, stamp
 from daest.modelica.outline import class_heads
 
-_VERSION = "28"  # of what is kept; another one throws away what is there
+_VERSION = "29"  # of what is kept; another one throws away what is there
 _STRIP = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
 _ALIAS = re.compile(
@@ -257,6 +258,9 @@ def _written(
             full: _file_of(full, libraries).read_bytes().removeprefix(BYTE_ORDER_MARK) for full in needed
         }
         classes = Classes(texts.get)
+        members = bus_members(classes, texts.values())
+        texts = {full: with_members(text, members) for full, text in texts.items()} if members else texts
+        classes = Classes(texts.get)
         with_complex = _with_complex(texts, libraries)
         for full in sorted(needed):
             library = libraries[full.partition(".")[0]]
@@ -304,6 +308,8 @@ def adapted_text(text: bytes, roots: Roots) -> bytes:
     """The user's text for the compiler, with a comment that makes it load all libraries of the excerpt."""
     names = sorted({Path(made).stem for made in roots.origins} | set(OPERATOR_FILES))
     objects = roots.objects
+    members = bus_members(Classes(lambda full: _read_of(full, text, roots)), [text])
+    text = with_members(text, members) if members else text
     if any(Path(made).stem == COMPLEX for made in roots.origins):
         text = with_parts(text, Classes(lambda full: _read_of(full, text, roots)))
     return with_constructors(adapted(text), objects) + f"\n// {' '.join(names)}\n".encode()

@@ -1,0 +1,109 @@
+"""Members that connections give to expandable connectors (Language Specification 9.1.3), as declarations.
+
+The compiler takes an expandable connector whose members are declared. In the texts given to it each connector
+gets those that the connections of all texts name, `expandable connector Bus Real speed; …`: a signal as a
+variable of its type, any other connector by its class. Where two expandable connectors of different classes
+are connected, each gets the members of the other. No line moves.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from daest.modelica.components import Classes, ClassText
+from daest.modelica.outline import class_heads, connect_clauses
+
+_HEAD = re.compile(rb'\bexpandable\s+connector\s+([A-Za-z_]\w*)\s*("(?:[^"\\]|\\.)*")?')
+_SIGNALS = ("Real", "Integer", "Boolean", "String")
+
+Members = dict[str, dict[str, str]]  # connector -> member -> type
+
+
+def bus_members(classes: Classes, texts: Iterable[bytes]) -> Members:
+    """The members that connections in the `texts`, of which `classes` knows the classes, give to the
+    expandable connectors that these declare."""
+    texts = list(texts)
+    search = _Search(classes, frozenset(name for text in texts for name in expandable_connectors(text)))
+    if search.expandable:
+        for head in (head for text in texts for head in class_heads(text)):
+            found = classes.get(head.name)
+            if found is not None:
+                search.read(found)
+    return search.shared()
+
+
+def expandable_connectors(text: bytes) -> dict[str, int]:
+    """Full names of the expandable connectors of a text, and where declarations may be added to each."""
+    by_start = {head.start: head.name for head in class_heads(text)}
+    found = {by_start.get(match.start(1), ""): match.end() for match in _HEAD.finditer(text)}
+    found.pop("", None)
+    return found
+
+
+def with_members(text: bytes, members: Members) -> bytes:
+    """The text with the members of its connectors declared behind their heads."""
+    ends = sorted(
+        ((end, members.get(name, {})) for name, end in expandable_connectors(text).items()), reverse=True
+    )
+    for end, own in ends:
+        added = "".join(f" {kind} {name};" for name, kind in sorted(own.items()))
+        text = text[:end] + added.encode() + text[end:]
+    return text
+
+
+@dataclass
+class _Search:
+    """What the connections of classes ask of expandable connectors."""
+
+    classes: Classes
+    expandable: frozenset[str]
+    members: Members = field(default_factory=dict)
+    pairs: list[tuple[str, str]] = field(default_factory=list)
+
+    def read(self, around: ClassText) -> None:
+        for clause in connect_clauses(around.words):
+            sides = [self._side(argument, around.name) for argument in (clause.left, clause.right)]
+            ends = [one for one in sides if one is not None]
+            if len(ends) != 2:
+                continue
+            (first, second) = ends
+            for (bus, member, kind), (_, _, other) in ((first, second), (second, first)):
+                if bus in self.expandable and member and not kind and other:
+                    self.members.setdefault(bus, {}).setdefault(member, self._declared_as(other))
+            kinds = [kind for _, _, kind in ends]
+            if kinds[0] != kinds[1] and {*kinds} <= self.expandable:
+                self.pairs.append((kinds[0], kinds[1]))
+
+    def _side(self, argument: str, scope: str) -> tuple[str, str, str] | None:
+        """Of `a.b.c` the class of a.b, the name c and its class, empty where a.b has no such component; None
+        where the path leads nowhere before that."""
+        path = _path(argument)
+        before, kind = "", scope
+        for i, name in enumerate(path):
+            one = self.classes.component(name, kind)
+            if one is None:
+                is_new = i == len(path) - 1 and kind in self.expandable
+                return (kind, name, "") if is_new else None
+            before, kind = kind, self.classes.meant(self.classes.type_of(one) or "")
+        return before, path[-1], kind
+
+    def _declared_as(self, kind: str) -> str:
+        return kind if kind in _SIGNALS else f".{kind}"
+
+    def shared(self) -> Members:
+        """The members, those of connected connectors of different classes on both sides."""
+        for _ in self.pairs:
+            for one, other in self.pairs:
+                both = {**self.members.get(one, {}), **self.members.get(other, {})}
+                for name in (one, other):
+                    own = self.classes.get(name)
+                    known = {} if own is None else own.components
+                    self.members[name] = {k: v for k, v in both.items() if k not in known}
+        return self.members
+
+
+def _path(argument: str) -> list[str]:
+    """The names of `a.b[1].c`."""
+    return re.sub(r"\[[^\]]*\]", "", argument).split(".")
