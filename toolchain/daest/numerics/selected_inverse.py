@@ -45,7 +45,8 @@ def inverse_diagonal(matrix: sp.csc_array, factors: Any, wanted: np.ndarray) -> 
         *[_pointer(array) for array in arrays],
         ctypes.c_int64(MOST_ENTRIES),
         ctypes.c_long(wanted.size),
-        *[_pointer(array) for array in [*places, found]],
+        *[_pointer(array) for array in places],
+        _pointer(found),
     )
     return None if state else found
 
