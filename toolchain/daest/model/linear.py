@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal, Protocol, TypeAlias
 
 import casadi as ca
@@ -161,6 +162,16 @@ class GroupedMatrix:
     row_factor: np.ndarray
     column_group: np.ndarray
     column_factor: np.ndarray
+
+    @cached_property
+    def row_members(self) -> sp.csr_array:
+        """The rows j of every group: the stored entries of row `row_group[j]`, in increasing order."""
+        used = np.flatnonzero(self.row_group >= 0)
+        order = used[np.argsort(self.row_group[used], kind="stable")]
+        counts = np.bincount(self.row_group[used], minlength=self.core.shape[0])
+        pointers = np.concatenate([[0], np.cumsum(counts)])
+        shape = (self.core.shape[0], self.row_group.size)
+        return sp.csr_array((np.ones(order.size, dtype=bool), order, pointers), shape=shape)
 
 
 @dataclass(frozen=True)

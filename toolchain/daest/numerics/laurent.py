@@ -19,15 +19,15 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
-from scipy.sparse.csgraph import breadth_first_order
 
 from daest.errors import NumericalError
 from daest.model.linear import RankDecision
 from daest.numerics.matching import Offsets, canonical_offsets, find_defect
 from daest.numerics.ranks import default_tolerance
 from daest.numerics.sparse_columns import compressed, largest_entries, pencil_entries
+from daest.numerics.sparse_parts import reached, submatrix
 
-CHUNK = 256
+CHUNK = 64
 """Columns that are solved for at a time: memory is this many dense vectors per order."""
 
 ROUNDING = 1e-13
@@ -46,26 +46,36 @@ class SparseSystem:
 
     def solve(self, right: sp.csc_array) -> sp.csc_array:
         """matrix⁻¹ right, restricted to the rows that `right` reaches: what it does not reach is exactly
-        zero."""
-        rows = self._reached(np.unique(right.indices))
+        zero. Many columns are solved for in chunks of neighbours, which reach few rows together."""
+        if right.shape[1] <= CHUNK:
+            return self._solved(right)
+        order = np.argsort(_first_rows(right), kind="stable")
+        chunks = [order[start : start + CHUNK] for start in range(0, order.size, CHUNK)]
+        return _joined([self._solved(right[:, chunk]) for chunk in chunks], chunks, right.shape)
+
+    def _solved(self, right: sp.csc_array) -> sp.csc_array:
+        rows = reached(self.graph, np.unique(right.indices))
         if 2 * rows.size > right.shape[0]:
             return compressed(self.factors.solve(right.toarray()))
+        if rows.size == 0:
+            return sp.csc_array(right.shape)
         unknowns = self.partner[rows]
-        block = sp.csc_array(self.matrix[rows][:, unknowns])
-        values = (
-            sp.coo_array(spla.splu(block).solve(right[rows].toarray())) if rows.size else sp.coo_array((0, 0))
-        )
-        places = (unknowns[values.coords[0]], values.coords[1])
-        return sp.csc_array((values.data, places), shape=right.shape)
+        values = np.zeros((rows.size, right.shape[1]))
+        column = np.repeat(np.arange(right.shape[1]), np.diff(right.indptr))
+        values[np.searchsorted(rows, right.indices), column] = right.data
+        found = compressed(spla.splu(submatrix(self.matrix, rows, unknowns)).solve(values))
+        result = sp.csc_array((found.data, unknowns[found.indices], found.indptr), shape=right.shape)
+        result.sort_indices()
+        return result
 
-    def _reached(self, start: np.ndarray) -> np.ndarray:
-        """Rows on paths from the rows `start`, found from one more vertex with edges to all of them."""
-        n = self.graph.shape[0]
-        pointers = np.append(self.graph.indptr, self.graph.nnz + start.size)
-        indices = np.concatenate([self.graph.indices, start])
-        graph = sp.csr_array((np.ones(indices.size, np.int8), indices, pointers), shape=(n + 1, n + 1))
-        order = breadth_first_order(graph, n, return_predecessors=False)
-        return np.sort(order[order < n])
+
+def _first_rows(matrix: sp.csc_array) -> np.ndarray:
+    """The smallest row index stored in every column (m,), 0 for columns without entries."""
+    first = np.zeros(matrix.shape[1], dtype=int)
+    used = np.flatnonzero(np.diff(matrix.indptr))
+    if used.size:
+        first[used] = np.minimum.reduceat(matrix.indices, matrix.indptr[used])
+    return first
 
 
 @dataclass(frozen=True)

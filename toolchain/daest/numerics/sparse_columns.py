@@ -7,6 +7,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from daest.model.linear import GroupedMatrix
+from daest.numerics.sparse_parts import entries_of
 
 
 def pencil_entries(E: sp.csr_array, J: sp.csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -74,11 +75,16 @@ def product(matrix: GroupedMatrix, b: np.ndarray) -> np.ndarray:
     return matrix.row_factor * value[matrix.row_group]  # row -1 is the zero at the end
 
 
-def column(matrix: GroupedMatrix, k: int) -> np.ndarray:
-    """Column k (n,)."""
-    unit = np.zeros(matrix.column_group.size)
-    unit[k] = 1.0
-    return product(matrix, unit)
+def column_entries(matrix: GroupedMatrix, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """(rows, values) of the entries of column k that are stored, rows in increasing order."""
+    if matrix.column_group[k] < 0:
+        return np.empty(0, dtype=int), np.empty(0)
+    span = column_span(matrix.core, int(matrix.column_group[k]))
+    places, counts = entries_of(matrix.row_members, matrix.core.indices[span])
+    rows = matrix.row_members.indices[places]
+    values = np.repeat(matrix.core.data[span] * matrix.column_factor[k], counts) * matrix.row_factor[rows]
+    order = np.argsort(rows)
+    return rows[order], values[order]
 
 
 def column_norms(matrix: GroupedMatrix, left: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ import scipy.sparse.linalg as spla
 from daest.model.linear import GroupedMatrix, LinearDAE, RankDecision, SparseForm, StandardForm
 from daest.numerics.pencils import Scaling
 from daest.numerics.ranks import decide_rank
+from daest.numerics.selected_inverse import inverse_diagonal
 from daest.numerics.sparse_basis import independent_block
 from daest.numerics.sparse_columns import largest_entries, product
 
@@ -24,6 +25,12 @@ DENSE_SHARE = 0.05
 
 CHUNK = 256
 """Columns that are projected at a time."""
+
+SELECTED = 2000
+"""From so many columns on the lengths of their projections are diagonal entries of an inverse."""
+
+SMALL_SQUARE = 1e-6
+"""Squares of lengths below this have lost digits: these columns are projected."""
 
 
 class RowSpace(Protocol):
@@ -55,11 +62,12 @@ class OrthonormalRows:
 class Complement:
     """The row space of N P2: what is orthogonal to the range of M = [J ker E, E Q1], the admissible columns.
 
-    `factors` are those of [[I, M], [M', 0]], which gives b - M M⁺ b for (b, 0); None where nothing is
+    `matrix` is [[I, M], [M', 0]], whose `factors` give b - M M⁺ b for (b, 0); None where nothing is
     forbidden. Equations of a group of `differentiated`, the coefficient of s, have parallel projections.
     """
 
     n: int
+    matrix: sp.csc_array | None
     factors: Any
     differentiated: GroupedMatrix
 
@@ -79,14 +87,30 @@ class Complement:
         order = used[np.lexsort((-factor[used], group[used]))]
         first = order[np.flatnonzero(np.diff(group[order], prepend=-1))]
         found = np.zeros(reaching.size)
-        for start in range(0, first.size, CHUNK):
-            some = first[start : start + CHUNK]
-            unit = np.zeros((self.factors.shape[0], some.size))
-            unit[some, np.arange(some.size)] = 1.0
-            parts = np.linalg.norm(self.factors.solve(unit)[: self.n], axis=0)
-            found[group[some]] = parts / factor[some]
+        found[group[first]] = self._lengths(first) / factor[first]
         norms[used] = found[group[used]] * factor[used]
         return norms
+
+    def _lengths(self, equations: np.ndarray) -> np.ndarray:
+        """Lengths of the projections of unit columns, whose squares are diagonal entries of the projector."""
+        squares = None
+        if equations.size >= SELECTED:
+            squares = inverse_diagonal(self.matrix, self.factors, equations)
+        if squares is None:
+            return self._projected(equations)
+        lengths = np.sqrt(np.maximum(squares, 0.0))
+        small = squares < SMALL_SQUARE
+        lengths[small] = self._projected(equations[small])
+        return lengths
+
+    def _projected(self, equations: np.ndarray) -> np.ndarray:
+        lengths = np.empty(equations.size)
+        for start in range(0, equations.size, CHUNK):
+            some = equations[start : start + CHUNK]
+            unit = np.zeros((self.factors.shape[0], some.size))
+            unit[some, np.arange(some.size)] = 1.0
+            lengths[start : start + CHUNK] = np.linalg.norm(self.factors.solve(unit)[: self.n], axis=0)
+        return lengths
 
 
 @dataclass(frozen=True)
@@ -134,14 +158,15 @@ def _of_sparse(dae: LinearDAE, form: SparseForm, scaling: Scaling) -> Nilpotent:
         nothing = GroupedMatrix(
             sp.csc_array((0, 0)), np.full(n, -1), np.zeros(n), np.full(n, -1), np.zeros(n)
         )
-        return Nilpotent(np.zeros(n - form.n_dynamic), decision, Complement(n, None, nothing))
+        return Nilpotent(np.zeros(n - form.n_dynamic), decision, Complement(n, None, None, nothing))
     kernel = _kernel(sp.csr_array(dae.E), scaling)
     rank = n - kernel.shape[1] - form.n_dynamic  # P E Q = diag(I, N)
     values = np.zeros(n - form.n_dynamic if rank <= LARGEST_RANK else 0)
     if values.size:
         values[:rank] = _singular_values(dae, form, rank)
     decision = RankDecision("N of the standard form", tuple(values.tolist()), 0.0, rank, float("inf"))
-    return Nilpotent(values, decision, Complement(n, _projection(dae, form, kernel), form.maps[1]))
+    matrix = _normal_matrix(dae, form, kernel)
+    return Nilpotent(values, decision, Complement(n, matrix, spla.splu(matrix), form.maps[1]))
 
 
 def _kernel(E: sp.csr_array, scaling: Scaling) -> sp.csc_array:
@@ -161,11 +186,11 @@ def _kernel(E: sp.csr_array, scaling: Scaling) -> sp.csc_array:
     return sp.csc_array(basis)
 
 
-def _projection(dae: LinearDAE, form: SparseForm, kernel: sp.csc_array) -> Any:
-    """Factors of [[I, M], [M', 0]] with the columns of M at unit length."""
+def _normal_matrix(dae: LinearDAE, form: SparseForm, kernel: sp.csc_array) -> sp.csc_array:
+    """[[I, M], [M', 0]] with the columns of M at unit length."""
     M = sp.csc_array(sp.hstack([sp.csr_array(dae.J) @ kernel, sp.csr_array(dae.E) @ form.right_dynamic]))
     M = M @ sp.diags_array(1.0 / np.sqrt(M.multiply(M).sum(axis=0)).ravel())
-    return spla.splu(sp.csc_array(sp.block_array([[sp.eye_array(dae.n), M], [M.T, None]])))
+    return sp.csc_array(sp.block_array([[sp.eye_array(dae.n), M], [M.T, None]]))
 
 
 def _singular_values(dae: LinearDAE, form: SparseForm, rank: int) -> np.ndarray:

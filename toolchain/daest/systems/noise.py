@@ -21,7 +21,7 @@ from daest.model.noise import NoisePlace, NoiseReport
 from daest.near import near_names
 from daest.numerics.pencils import Scaling, unit_scaling
 from daest.numerics.ranks import decide_rank, default_tolerance
-from daest.numerics.sparse_columns import column, column_norms, product, ungrouped
+from daest.numerics.sparse_columns import column_entries, column_norms, product, scaled, ungrouped
 from daest.systems.exact_structure import generic_structure
 from daest.systems.generic_verdict import compared
 from daest.systems.nilpotent import Nilpotent, RowSpace, nilpotent_part
@@ -99,19 +99,21 @@ class NoiseGains:
         """`differentiated` of every equation, shape (n,) bool."""
         return self.unit_strengths() > NO_NOISE if self.exact is None else self.exact.orders > 0
 
-    def unit_part(self, equation: int) -> np.ndarray:
-        """`part` 0 of the unit column of one equation."""
-        value = column(self.maps[0], equation)
-        limit = self._negligible(0) * self.rows[equation] * self.columns
-        return np.where(np.abs(value) > limit, value, 0.0)
+    def unit_direct(self) -> sp.csc_array:
+        """`part` 0 of the unit column of every equation, side by side (n, n)."""
+        whole = scaled(self.maps[0].core, self.maps[0].row_factor, self.maps[0].column_factor)
+        entries = sp.coo_array(whole)
+        row, column = entries.coords
+        kept = np.abs(entries.data) > self._negligible(0) * self.rows[column] * self.columns[row]
+        return sp.csc_array((entries.data[kept], (row[kept], column[kept])), shape=whole.shape)
 
     def reached(self, i: int, equation: int) -> np.ndarray:
-        """Which unknowns (n,) bool the noise on one equation enters with derivative i."""
+        """Indices (k,) of the unknowns that the noise on one equation enters with derivative i, in order."""
         known = None if self.exact is None else self.exact.reached(i)
         if known is not None:
-            return known[:, equation]
-        size = np.abs(column(self.maps[i], equation))
-        return size > self._negligible(i) * self.rows[equation] * self.columns
+            return np.flatnonzero(known[:, equation])
+        unknowns, values = column_entries(self.maps[i], equation)
+        return unknowns[np.abs(values) > self._negligible(i) * self.rows[equation] * self.columns[unknowns]]
 
     def _negligible(self, i: int) -> float:
         return (NO_NOISE if i else default_tolerance(self.rows.size)) * self.largest[i]
@@ -223,7 +225,7 @@ def verdict(
     if admissible:
         value = in_outputs(dae.C, gains.part(0, b)) + (dae.H[:, own[0]] if own else 0.0)
         white = tuple(dae.outputs[k].name for k in np.flatnonzero(value))
-    reach = NOTHING if admissible else _reach(len(gains.maps), lambda i: gains.part(i, b) != 0.0)
+    reach = NOTHING if admissible else _reach(len(gains.maps), lambda i: np.flatnonzero(gains.part(i, b)))
     equations = tuple(np.flatnonzero(b).tolist())
     return _place(dae, name, equations, admissible, norm, reach, _names(dae, reach, None), white)
 
@@ -240,10 +242,10 @@ NOTHING = _Reach(np.empty(0, dtype=int), 0)
 
 
 def _reach(n_maps: int, enters: Callable[[int], np.ndarray]) -> _Reach:
-    """`enters(i)` tells which unknowns (n,) bool contain derivative i."""
+    """`enters(i)` gives the unknowns (k,) that contain derivative i."""
     found = [enters(i) for i in range(1, n_maps)]
-    order = max((i for i, reached in enumerate(found, 1) if np.any(reached)), default=0)
-    return _Reach(np.flatnonzero(np.any(found, axis=0)), order) if order else NOTHING
+    order = max((i for i, reached in enumerate(found, 1) if reached.size), default=0)
+    return _Reach(np.unique(np.concatenate(found)), order) if order else NOTHING
 
 
 def _names(dae: LinearDAE, reach: _Reach, at_most: int | None) -> tuple[str, ...]:
@@ -316,13 +318,15 @@ def _unit_reach(gains: NoiseGains, equation: int) -> _Reach:
 
 def _white_outputs(dae: LinearDAE, gains: NoiseGains, admissible: np.ndarray) -> dict[int, tuple[str, ...]]:
     """The outputs that contain the noise itself, by admissible equation, where there is one."""
-    used = np.flatnonzero(admissible & (gains.norms[0] > 0.0))
-    values = {k: in_outputs(dae.C, gains.unit_part(k)) for k in used.tolist()}
-    return {
-        k: tuple(dae.outputs[i].name for i in np.flatnonzero(value))
-        for k, value in values.items()
-        if np.any(value)
-    }
+    C, direct = sp.csr_array(dae.C), gains.unit_direct()
+    found = sp.coo_array(C @ direct)
+    output, equation = found.coords
+    sizes = sp.csr_array(abs(C) @ abs(direct))[output, equation]
+    kept = admissible[equation] & (np.abs(found.data) > default_tolerance(dae.n) * sizes)
+    white: dict[int, tuple[str, ...]] = {}
+    for i, k in sorted(zip(output[kept].tolist(), equation[kept].tolist(), strict=True)):
+        white[k] = (*white.get(k, ()), dae.outputs[i].name)
+    return white
 
 
 def _verdict_decision(
