@@ -95,6 +95,8 @@ NOT_QUICK = (
     "numerics/test_parallel",
     "systems/test_dae_test_set",
     "systems/test_exact_structure",
+    "systems/test_hybrid",
+    "systems/test_integrate",
     "systems/test_sensor_laws",
     "systems/test_sparse_form",
 )

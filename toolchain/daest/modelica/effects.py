@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import importlib.metadata
 import pickle
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,6 +20,7 @@ import casadi as ca
 
 from daest.cache import cache_folder, forget_unused, keep_content, kept_content, was_used
 from daest.errors import ModelError, Place
+from daest.machine import version
 from daest.model.effects import Attachment, Effect, EffectParameter, ParameterRole
 from daest.model.flat import FlatModel
 from daest.model.parts import DerivedParameter, Equation, NoiseInput, Parameter, Variable
@@ -185,7 +185,7 @@ def _key(files: Iterable[tuple[Path, Path]]) -> str:
     """Hash of everything that decides the catalogue."""
     found = hashlib.sha256()
     for package in ("daest", "casadi", "rumoca"):
-        found.update(f"{package} {importlib.metadata.version(package)}\n".encode())
+        found.update(f"{package} {version(package)}\n".encode())
     found.update(Path(__file__).read_bytes())
     for root, file in files:
         content = file.read_bytes()
