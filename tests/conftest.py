@@ -7,10 +7,13 @@ import signal
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from daest.cache import cache_folder
 
 # As the commands do: small matrices, and two test processes beside each other.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -28,6 +31,12 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == signal.SIG_I
 os.environ["DAEST_JOBS"] = "1"
 # Hundreds of small models run for milliseconds: compiling them takes longer.
 os.environ.setdefault("DAEST_COMPILER_EFFORT", "O1")
+
+# The tests start some hundred processes. Where Python may not leave compiled modules beside their sources,
+# each of them, and each worker of xdist, would compile all anew: it finds them in the cache instead.
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix = str(cache_folder() / "bytecode")
+    sys.dont_write_bytecode = False
 
 
 # `pytest -m quick`: rooms and files whose tests take milliseconds, for the minute between two edits.
@@ -86,11 +95,14 @@ NOT_QUICK = (
     "numerics/test_parallel",
     "systems/test_dae_test_set",
     "systems/test_exact_structure",
+    "systems/test_hybrid",
+    "systems/test_integrate",
     "systems/test_sensor_laws",
     "systems/test_sparse_form",
 )
 
 
+@cache
 def is_quick(file: Path) -> bool:
     name = file.relative_to(Path(__file__).resolve().parent).with_suffix("").as_posix()
     return (name in QUICK or name.partition("/")[0] in QUICK) and name not in NOT_QUICK

@@ -1,14 +1,11 @@
 """`import daest`: every public name exists and is documented, and nothing is loaded before it is used."""
 
 import ast
-import doctest
 import inspect
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import daest
@@ -24,36 +21,6 @@ def test_public_name_is_documented(name):
     assert text and len(text.split()) >= 5
     # The words that dataclasses write by themselves are no documentation.
     assert not text.startswith(f"{name}(")
-
-
-SERVO = Path(__file__).parents[1] / "examples" / "servo"
-SLOW = ("diagnose", "improve")
-FUNCTIONS = [name for name in daest.__all__ if not inspect.isclass(getattr(daest, name))]
-
-
-def run_examples(names, folder):
-    """The examples of functions, one after the other: what one names, the next may use."""
-    for file in ("Servo.mo", "servo.csv"):
-        shutil.copy(SERVO / file, folder)
-    known, runner = {"daest": daest, "np": np}, doctest.DocTestRunner(verbose=False)
-    for name in names:
-        text = inspect.getdoc(getattr(daest, name))
-        example = doctest.DocTestParser().get_doctest(text, known, f"daest.{name}", None, 0)
-        assert example.examples, f"{name} has no example"
-        runner.run(example, clear_globs=False)
-        known = example.globs
-    assert runner.failures == 0
-
-
-def test_examples_of_public_functions(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    run_examples([name for name in FUNCTIONS if name not in SLOW], tmp_path)
-
-
-@pytest.mark.slow
-def test_examples_of_diagnoses(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    run_examples(SLOW, tmp_path)
 
 
 def test_editors_know_the_types_of_all_names():

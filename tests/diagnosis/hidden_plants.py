@@ -2,6 +2,7 @@
 
 Sub-stepped Euler-Maruyama; dry friction is set-valued (implicit: the speed is brought to zero and held)."""
 
+import math
 from functools import cache
 from pathlib import Path
 
@@ -59,22 +60,24 @@ def rotor_record(
     rng = np.random.default_rng(seed)
     u = torque_steps(n, seed)
     dt = PERIOD / substeps
-    memory = np.exp(-dt / load[1])
+    memory = float(np.exp(-dt / load[1]))
     kicks = rng.standard_normal((n, substeps)) * np.sqrt(noise * dt) / INERTIA
     pushes = rng.standard_normal((n, substeps)) * load[0] * np.sqrt(1.0 - memory**2)
     errors = SENSOR * rng.standard_normal(n)
     w = phi = d = 0.0
+    # Lists of floats: the loop is that of Python, in which numbers of numpy take three times as long.
+    shocks = [list(zip(*pair, strict=True)) for pair in zip(kicks.tolist(), pushes.tolist(), strict=True)]
     y, truth = np.zeros(n), np.zeros((n, 3))
     for k in range(n):
         truth[k] = w, phi, d
         y[k] = measured(phi) + errors[k]
         if feedback:
             u[k] = feedback * (u[k] - y[k]) - 0.2 * feedback * w
-        given = drive(u[k])
-        for j in range(substeps):
-            d = memory * d + pushes[k, j]
-            free = w + dt * (given - DAMPING * w + torque(w, phi) + d) / INERTIA + kicks[k, j]
-            after = np.sign(free) * max(abs(free) - dt * coulomb(phi) / INERTIA, 0.0)
+        given = float(drive(u[k]))
+        for kick, push in shocks[k]:
+            d = memory * d + push
+            free = w + dt * (given - DAMPING * w + torque(w, phi) + d) / INERTIA + kick
+            after = math.copysign(max(abs(free) - dt * coulomb(phi) / INERTIA, 0.0), free)
             phi += dt * (w + after) / 2.0
             w = after
     record = Experiment("record", PERIOD * np.arange(n), u[:, None], y[:, None], ("u",), ("phi",))

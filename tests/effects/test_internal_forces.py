@@ -1,5 +1,6 @@
 """Effects beside the forces between the bodies of bare equations, against the motion by scipy."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,7 @@ def simulated(flat):
     return simulate(flat, (np.linspace(0.0, 2.0, 41), np.full((41, 1), 1.5))).outputs[-1]
 
 
+@cache
 def two_bodies(law):
     """The same of the two bodies with the force law(x, v) beside their spring."""
 
@@ -81,6 +83,10 @@ def two_bodies(law):
         return [v1, v2, (1.5 - force) / 2, force / 3]
 
     return solve_ivp(rate, (0.0, 2.0), [0.0] * 4, method="Radau", rtol=1e-9, atol=1e-12).y[:2, -1]
+
+
+def no_force(x, v):
+    return 0.0
 
 
 LAWS = {
@@ -106,7 +112,7 @@ def test_effect_beside_a_force_is_driven_by_the_relative_motion(tmp_path, form, 
     (site,) = [s for s in sites(flat) if s.kind == "force"]
     assert fits(effect, site)
     expected = two_bodies(law)
-    assert not np.allclose(expected, two_bodies(lambda x, v: 0.0), rtol=1e-3)
+    assert not np.allclose(expected, two_bodies(no_force), rtol=1e-3)
     attached = simulated(attach(flat, effect, site, values=values))
     np.testing.assert_allclose(attached, expected, rtol=1e-5)
     written = extend_model(path, None, effect, site, values=values)
@@ -134,7 +140,7 @@ def test_play_is_that_of_the_spring_and_the_damper_of_the_equation(tmp_path, tex
     (site,) = [s for s in sites(flat) if s.kind == "force"]
     assert site.given == {"c": "c", "d": "d"}
     values, expected = {"gap": 0.02, "s_s": 1e-3}, two_bodies(play)
-    assert not np.allclose(expected, two_bodies(lambda x, v: 0.0), rtol=1e-3)
+    assert not np.allclose(expected, two_bodies(no_force), rtol=1e-3)
     for model in (
         attach(flat, effect, site, values=values),
         extend_model(path, None, effect, site, values=values).flat,

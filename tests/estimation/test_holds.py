@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 
 from daest.data.prepare import resample
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import ConfigError, ModelError
 from daest.estimation.filter import run_filter
 from daest.estimation.hold_search import moving_inputs, ranked_holds
@@ -128,12 +129,22 @@ def test_a_coarser_recording_knows_each_input(tmp_path):
     assert not np.allclose(held.inputs, straight.inputs)
 
 
-def test_nothing_is_missing_where_inputs_differ_in_their_hold(tmp_path):
+# What the column or a wrong hold would be taken for; the whole library among the slow tests.
+LIKELY = ("MeasuredHeatGain", "ConstantHeatGain", "ExtraHeatCapacity", "Gain", "Offset")
+
+
+@pytest.mark.parametrize(
+    "effects", [LIKELY, pytest.param((), marks=pytest.mark.slow)], ids=["likely", "whole library"]
+)
+def test_nothing_is_missing_where_inputs_differ_in_their_hold(tmp_path, effects):
     """Nor does a column drive the room that the model does not know."""
     data = recording(0.01, n=500)
     wind = np.abs(np.random.default_rng(4).normal(size=500))
-    found = diagnose(room(tmp_path), effect_library(()), [replace(data, extra={"wind": wind})])
+    columns = [replace(data, extra={"wind": wind})]
+    found = diagnose(room(tmp_path), effect_library(()), columns, options=DiagnoseOptions(effects=effects))
     assert found.verdict == "nothing missing"
+    tried = {entry.candidate.effect.name for entry in found.screen.entries}
+    assert "MeasuredHeatGain" in tried and tried >= set(effects)
 
 
 def test_names_are_inputs(tmp_path):

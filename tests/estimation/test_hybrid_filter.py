@@ -168,8 +168,15 @@ def test_a_block_that_sticks_and_slides(block):
     assert np.mean(smooth.std[:, smooth.names.index("s")]) < np.mean(found.std[:, found.names.index("s")])
 
 
+# Each kind and each model once; the other pairs among the slow tests.
 @pytest.mark.parametrize(
-    ("kind", "case"), [("ekf", "loop"), ("ukf", "loop"), ("ekf", "block"), ("ukf", "block")]
+    ("kind", "case"),
+    [
+        ("ekf", "loop"),
+        ("ukf", "block"),
+        pytest.param("ukf", "loop", marks=pytest.mark.slow),
+        pytest.param("ekf", "block", marks=pytest.mark.slow),
+    ],
 )
 def test_sample_by_sample_the_filter_is_that_of_the_record(request, kind, case):
     """Also where the memory was kept in a file on the way: the mode is a part of it."""

@@ -38,7 +38,8 @@ def servo_record(explicit, n=400, seed=0):
     return sim, experiment_of(explicit, time, u, y)
 
 
-@pytest.mark.parametrize("smooth", [False, True])
+# What is smoothed is what was filtered.
+@pytest.mark.parametrize("smooth", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_agrees_with_the_filter_of_linear_models(smooth):
     explicit = linear_servo()
     _, experiment = servo_record(explicit)

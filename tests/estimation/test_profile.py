@@ -229,8 +229,11 @@ def duffing(function, method, intensity, seed=5):
 
 @pytest.mark.parametrize(
     ("function", "method", "intensity"),
-    [(identify_nonlinear, "oe", 0.0), (identify_nonlinear, "pem", 0.3), (identify_by_ekf, "pem", 0.3)],
-    ids=["simulation", "observer", "ekf"],
+    [
+        pytest.param(identify_nonlinear, "oe", 0.0, id="simulation"),
+        pytest.param(identify_by_ekf, "pem", 0.3, id="ekf"),
+        pytest.param(identify_nonlinear, "pem", 0.3, id="observer", marks=pytest.mark.slow),
+    ],
 )
 def test_nonlinear_profile_agrees_with_the_standard_error(function, method, intensity):
     fit = duffing(function, method, intensity)

@@ -250,7 +250,17 @@ def nonlinear(request, tmp_path_factory):
     return compile_model(path), experiment, InitialState.known(mean, 0.2)
 
 
-@pytest.mark.parametrize(("kind", "hold"), [("ekf", "foh"), ("ukf", "zoh")])
+# Each kind, each hold and each model once; the other pairs among the slow tests.
+@pytest.mark.parametrize(
+    ("nonlinear", "kind", "hold"),
+    [
+        ("Diode", "ekf", "foh"),
+        ("Pendulum", "ukf", "zoh"),
+        pytest.param("Diode", "ukf", "zoh", marks=pytest.mark.slow),
+        pytest.param("Pendulum", "ekf", "foh", marks=pytest.mark.slow),
+    ],
+    indirect=["nonlinear"],
+)
 def test_nonlinear_replay_is_the_filter_of_the_recording(nonlinear, tmp_path, kind, hold):
     flat, experiment, initial = nonlinear
     wanted = FilterOptions(initial=initial, hold=hold, longest=0.025)
@@ -267,6 +277,9 @@ def test_nonlinear_replay_is_the_filter_of_the_recording(nonlinear, tmp_path, ki
     assert np.nansum(found["nis"]) / known.nis.n_innovations == pytest.approx(known.nis.mean, rel=1e-9)
 
 
+@pytest.mark.parametrize(
+    "nonlinear", ["Diode", pytest.param("Pendulum", marks=pytest.mark.slow)], indirect=True
+)
 def test_nonlinear_single_precision(nonlinear, tmp_path):
     flat, experiment, initial = nonlinear
     model = estimator_model(flat, 0.1, initial=initial, longest=0.025)

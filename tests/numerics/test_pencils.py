@@ -61,8 +61,9 @@ def prescribed(seed: int, condition: float = 100.0, scales: float = 0.0) -> Pres
 
 @pytest.mark.parametrize("condition", [10.0, 1000.0])
 @pytest.mark.parametrize("scales", [0.0, 6.0])
-def test_index_counts_and_rebuilding_of_100_random_pencils(condition, scales):
-    for seed in range(100):
+@pytest.mark.parametrize("n_pencils", [25, pytest.param(100, marks=pytest.mark.slow)])
+def test_index_counts_and_rebuilding_of_random_pencils(n_pencils, condition, scales):
+    for seed in range(n_pencils):
         case = prescribed(seed, condition, scales)
         form = split_pencil(case.E, case.J)
         n_infinite = sum(case.blocks)

@@ -6,6 +6,7 @@ import datetime
 import os
 import platform
 from collections.abc import Iterable
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 
@@ -28,10 +29,17 @@ def versions(libraries: Iterable[str] = LIBRARIES) -> str:
     found = [f"Python {platform.python_version()}"]
     for name in libraries:
         try:
-            found.append(f"{name} {metadata.version(name)}")
+            found.append(f"{name} {version(name)}")
         except metadata.PackageNotFoundError:
             continue
     return ", ".join(found)
+
+
+@cache
+def version(package: str) -> str:
+    """The version of a package that is installed: reading it takes milliseconds. Raises
+    PackageNotFoundError."""
+    return metadata.version(package)
 
 
 def processor() -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,7 @@ _TOGETHER = {  # products written without a mark between their units; pint takes
     "Vs": ("V", "s"),
     "As": ("A", "s"),
 }
+_MOST_UNITS = 1000  # whose dimensions are remembered: models ask for those of a few units thousands of times
 _TEMPERATURES = {"degC", "degF", "degRk", "K"}
 
 
@@ -100,6 +101,12 @@ def is_known_unit(text: str) -> bool:
 def dimensions(text: str) -> dict[str, float] | None:
     """Exponents of the base quantities ([mass], [length], [time], ...) in a unit; those of an angle, of `1`
     and of the empty text are none. None for a unit that is not known."""
+    found = _dimensions(text)
+    return None if found is None else dict(found)
+
+
+@lru_cache(maxsize=_MOST_UNITS)
+def _dimensions(text: str) -> dict[str, float] | None:
     try:
         return {str(d): float(e) for d, e in _in_base_units(parse_unit(text), text).dimensionality.items()}
     except DataError:
@@ -108,7 +115,7 @@ def dimensions(text: str) -> dict[str, float] | None:
 
 def is_of(unit: str, quantity: str) -> bool:
     """Whether a unit is given, and is one of what the unit `quantity` is of: mV and V of a voltage."""
-    return bool(unit) and dimensions(unit) == dimensions(quantity)
+    return bool(unit) and _dimensions(unit) == _dimensions(quantity)
 
 
 def conversion(given: str, wanted: str) -> Conversion:

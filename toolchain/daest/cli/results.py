@@ -21,6 +21,7 @@ from daest.cli.output import LATEST, Document, to_json, whole_file, with_schema
 from daest.data.project import Project
 from daest.errors import ConfigError, Place
 from daest.files import why_no_file
+from daest.machine import version
 from daest.model.flat import FlatModel, Model
 
 KEPT_ELSEWHERE = "work in a copy of the project, in a folder that can be written"
@@ -223,14 +224,12 @@ def keep(
 def made_from(project: Project, models: Sequence[Path], recordings: Iterable[Path] = ()) -> dict[str, Any]:
     """Versions of the programs and fingerprints of the files that a result depends on; paths count from the
     folder of daest.toml."""
-    from importlib import metadata
-
     files = [("model", path) for path in models] + [("data", path) for path in recordings]
     files += [] if project.file is None else [("project", project.file)]
     return {
         "daest": __version__,
         "python": platform.python_version(),
-        "packages": {name: metadata.version(name) for name in PACKAGES},
+        "packages": {name: version(name) for name in PACKAGES},
         "files": [_file(project, role, path) for role, path in files if path.is_file()],
     }
 

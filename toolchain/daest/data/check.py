@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from daest.data.read import find_time
 from daest.data.table import Table, column_unit, in_seconds, unit_findings
 from daest.errors import DaestError
 from daest.model.experiment import ColumnSummary, DataCheck, Experiment, Finding, Role
-from daest.model.flat import Model
+from daest.model.flat import FlatModel, Model
 
 # Samples below which no fault can be told from the signal, and hardly two parameters be estimated.
 FEW_SAMPLES = 20
@@ -159,15 +160,19 @@ def polarity_findings(flat: Model, experiment: Experiment) -> list[Finding]:
     Nothing is said where the model cannot be simulated, or where the sign depends on the parameters.
     """
     part = _shortened(experiment)
+    correlations = np.empty((0, len(part.output_names)))
+    is_against = np.ones(len(part.output_names), dtype=bool)
     try:
-        correlations = np.array([_correlations(flat, part, theta) for theta in _variants(flat)])
+        driven = _driven(flat)
+        for theta in _variants(flat):
+            row = np.array(_correlations(driven, part, theta))
+            is_against &= row < AGAINST  # not where it is NaN
+            if not np.any(is_against):
+                return []  # whatever the other parameter values give
+            correlations = np.vstack([correlations, row])
     except DaestError:
         return []
-    against = [
-        name
-        for name, column in zip(part.output_names, correlations.T, strict=True)
-        if np.all(np.isfinite(column)) and column.max() < AGAINST
-    ]
+    against = [name for name, found in zip(part.output_names, is_against, strict=True) if found]
     measured = int(np.isfinite(correlations).all(axis=0).sum())
     if len(against) == measured and len(against) > 1 and len(part.input_names) == 1:
         text = f"drives all {measured} outputs the other way than the model: probably its polarity"
@@ -199,11 +204,18 @@ def _variants(flat: Model) -> Iterator[np.ndarray]:
             yield changed
 
 
-def _correlations(flat: Model, experiment: Experiment, theta: np.ndarray) -> list[float]:
+def _driven(flat: Model) -> Any:
+    """The model in the form by which it is driven, made once; with events the start decides on it."""
+    from daest.systems.reduce import dynamics
+
+    return flat if isinstance(flat, FlatModel) and flat.events is not None else dynamics(flat)
+
+
+def _correlations(driven: Any, experiment: Experiment, theta: np.ndarray) -> list[float]:
     """Correlation of every measured output with the simulated one, NaN where one of them stands still."""
     from daest.systems.simulate import simulate
 
-    simulated = simulate(flat, experiment, theta=theta).outputs
+    simulated = simulate(driven, experiment, theta=theta).outputs
     return [
         _correlation(experiment.time, measured, own)
         for measured, own in zip(experiment.outputs.T, simulated.T, strict=True)

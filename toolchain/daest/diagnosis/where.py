@@ -136,15 +136,17 @@ def _permuted_shares(squares: np.ndarray, inside: np.ndarray, seed: int) -> np.n
     """Share of every place (PERMUTATIONS, n_places) for blocks of the squared error in random order."""
     rng = np.random.default_rng(seed)
     n, length = squares.size, _block_length(squares)
-    starts = np.arange(0, n, length)
+    starts, within = np.arange(0, n, length), np.arange(length)
+    twice = np.concatenate([squares, squares])  # from n - k on: turned by k
     drawn = np.empty((PERMUTATIONS, len(inside)))
     for first in range(0, PERMUTATIONS, ROWS_AT_ONCE):
-        rows = []
-        for _ in range(min(ROWS_AT_ONCE, PERMUTATIONS - first)):
-            turned = np.roll(squares, rng.integers(n))
-            order = (rng.permutation(starts)[:, None] + np.arange(length)).ravel()
-            rows.append(turned[order[order < n]])
-        drawn[first : first + len(rows)] = np.array(rows) @ inside.T
+        count = min(ROWS_AT_ONCE, PERMUTATIONS - first)
+        pairs = [(rng.integers(n), rng.permutation(starts)) for _ in range(count)]
+        order = (np.array([blocks for _, blocks in pairs])[:, :, None] + within).reshape(count, -1)
+        if order.shape[1] > n:  # the last block is shorter
+            order = order[order < n].reshape(count, n)
+        order += n - np.array([turn for turn, _ in pairs])[:, None]
+        drawn[first : first + count] = twice[order] @ inside.T
     return drawn
 
 

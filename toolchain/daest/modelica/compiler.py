@@ -16,7 +16,6 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,6 +23,7 @@ import rumoca
 
 from daest.cache import cache_folder, forget_unused, keep_content, kept_content, was_used
 from daest.errors import ModelError
+from daest.machine import version
 from daest.modelica import adapter, failures
 from daest.modelica import syntax as s
 from daest.modelica.algorithm_text import UnknownNames, algorithm_texts, with_algorithms

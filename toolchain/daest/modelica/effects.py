@@ -2,14 +2,13 @@
 
 All classes are compiled together, as components of one model, and taken apart again; the result is kept in
 the cache folder under the hash of every file of the libraries, so that it is done once per change of a
-library.
+library. The bundled classes have a catalogue of their own: one's own are compiled alone.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-import importlib.metadata
 import pickle
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,6 +20,7 @@ import casadi as ca
 
 from daest.cache import cache_folder, forget_unused, keep_content, kept_content, was_used
 from daest.errors import ModelError, Place
+from daest.machine import version
 from daest.model.effects import Attachment, Effect, EffectParameter, ParameterRole
 from daest.model.flat import FlatModel
 from daest.model.parts import DerivedParameter, Equation, NoiseInput, Parameter, Variable
@@ -28,7 +28,7 @@ from daest.modelica import syntax as s
 from daest.modelica.assemble import assemble
 from daest.modelica.compiler import Job, compile_source, with_room
 from daest.modelica.connectors import connectors_of
-from daest.modelica.library import library_roots, readable_roots
+from daest.modelica.library import bundled_root, library_roots, readable_roots
 from daest.modelica.outline import ClassHead, class_heads, class_tokens, tokens
 from daest.modelica.parse import Annotation, annotation_of
 from daest.modelica.source import read_source
@@ -177,7 +177,7 @@ def _catalogue(libraries: tuple[str, ...], check: bool) -> Mapping[str, _Entry]:
     files = [(root, file) for root in roots for file in sorted(root.rglob("*.mo"))]
     key = _key(files)
     if libraries not in _kept or _kept[libraries][0] != key:
-        _kept[libraries] = key, _stored(key, roots, [file for _, file in files], libraries)
+        _kept[libraries] = key, _stored(key, roots, files, libraries)
     return _kept[libraries][1]
 
 
@@ -185,7 +185,7 @@ def _key(files: Iterable[tuple[Path, Path]]) -> str:
     """Hash of everything that decides the catalogue."""
     found = hashlib.sha256()
     for package in ("daest", "casadi", "rumoca"):
-        found.update(f"{package} {importlib.metadata.version(package)}\n".encode())
+        found.update(f"{package} {version(package)}\n".encode())
     found.update(Path(__file__).read_bytes())
     for root, file in files:
         content = file.read_bytes()
@@ -195,7 +195,7 @@ def _key(files: Iterable[tuple[Path, Path]]) -> str:
 
 
 def _stored(
-    key: str, roots: tuple[Path, ...], files: Sequence[Path], libraries: tuple[str, ...]
+    key: str, roots: tuple[Path, ...], files: Sequence[tuple[Path, Path]], libraries: tuple[str, ...]
 ) -> Mapping[str, _Entry]:
     kept = cache_folder() / "effects" / f"{key}.pickle"
     content = kept_content(kept)
@@ -203,29 +203,44 @@ def _stored(
         with contextlib.suppress(Exception):  # written by another version: it is made again
             was_used(kept)
             return pickle.loads(content)
-    entries = _read(roots, files, libraries)
+    *own, last = roots
+    if own and last == bundled_root():
+        bundled = [(root, file) for root, file in files if root == last]
+        entries = _stored(_key(bundled), (last,), bundled, ())
+        entries = {name: _with_libraries(entry, libraries) for name, entry in entries.items()}
+        entries |= _read(roots, [file for root, file in files if root != last], libraries)
+    else:
+        entries = _read(roots, [file for _, file in files], libraries)
+    entries = dict(sorted(entries.items(), key=_order))
     keep_content(kept, pickle.dumps(entries))
     forget_unused(kept.parent, MOST_KEPT)
     return entries
 
 
+def _with_libraries(entry: _Entry, libraries: tuple[str, ...]) -> _Entry:
+    return replace(entry, effect=replace(entry.effect, libraries=libraries))
+
+
 # Reading ----------------------------------------------------------------------------------------------------
 
 
-def _read(roots: tuple[Path, ...], files: Sequence[Path], libraries: tuple[str, ...]) -> Mapping[str, _Entry]:
+def _read(roots: tuple[Path, ...], files: Sequence[Path], libraries: tuple[str, ...]) -> dict[str, _Entry]:
+    """The effects that the files hold."""
     sources = [source for file in files for source in _marked(file)]
+    if not sources:
+        return {}
     unique = {source.head.name: source for source in reversed(sources)}
     ordered = [unique[name] for name in dict.fromkeys(source.head.name for source in sources)]
     supported = _supported(ordered, roots)
     flat = _compiled(ordered, supported, roots)
     parts = _parts(flat)
     entries = [_entry(i, source, parts, libraries) for i, source in enumerate(ordered)]
-    return {entry.effect.class_name: entry for entry in sorted(entries, key=_order)}
+    return {entry.effect.class_name: entry for entry in entries}
 
 
-def _order(entry: _Entry) -> tuple[int, str]:
+def _order(item: tuple[str, _Entry]) -> tuple[int, str]:
     domains = ("rotational", "translational", "electrical", "thermal", "hydraulic", "signal")
-    return domains.index(entry.effect.domain), entry.effect.class_name
+    return domains.index(item[1].effect.domain), item[0]
 
 
 def _marked(file: Path) -> Iterable[_Source]:

@@ -52,13 +52,14 @@ def library_roots(libraries: Sequence[str | Path] = ()) -> tuple[Path, ...]:
     path = os.environ.get("MODELICAPATH", "").split(os.pathsep)
     found += [Path(folder) for folder in path if folder and Path(folder).is_dir()]
     if all(not (folder / "Daest" / "package.mo").is_file() for folder in found):
-        found += [root for root in (_bundled(),) if root is not None]
+        found += [root for root in (bundled_root(),) if root is not None]
     return tuple(dict.fromkeys(folder.resolve() for folder in found))
 
 
-def _bundled() -> Path | None:
+def bundled_root() -> Path | None:
+    """`library_root`, as `library_roots` has it; None where the installation holds none."""
     try:
-        return library_root()
+        return library_root().resolve()
     except ModelError:
         return None
 

@@ -4,7 +4,7 @@ have no known unit."""
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -101,24 +101,29 @@ def slope_has_unit(flat: FlatModel, row: int, at: int, unit: str) -> bool:
 
 
 def _slope_has(flat: FlatModel, row: int, at: int, need: Mapping[str, float]) -> bool:
-    plain, changed = (_slope(flat, row, at, s) for s in ({}, _SCALES))
+    slope = _slope(flat, row, at)
+    plain, changed = slope({}), slope(_SCALES)
     return bool(np.isclose(changed, plain * _power(_SCALES, need), rtol=_TOLERANCE, atol=0.0))
 
 
-def _slope(flat: FlatModel, row: int, at: int, scales: Mapping[str, float]) -> float:
-    """The slope with every quantity in base units changed by `scales`."""
+def _slope(flat: FlatModel, row: int, at: int) -> Callable[[Mapping[str, float]], float]:
+    """The slope with every quantity in base units changed by scales."""
     everything = ca.vertcat(flat.xi, flat.derivatives)
     symbols = [everything, flat.u, flat.theta, flat.w, flat.time]
-    slope = ca.jacobian(flat.residual[row], everything[at])
+    evaluate = ca.Function("slope", symbols, [ca.jacobian(flat.residual[row], everything[at])])
     units = [v.unit for v in flat.unknowns]
-    values = [
-        _changed([*units, *(f"({unit})/s" if unit else "" for unit in units)], scales),
-        _changed([v.unit for v in flat.inputs], scales),
-        flat.theta_values * _changed([p.unit for p in flat.parameters], scales),
-        np.zeros(flat.w.numel()),
-        scales.get("[time]", 1.0),
-    ]
-    return float(ca.Function("slope", symbols, [slope])(*values))
+
+    def slope(scales: Mapping[str, float]) -> float:
+        values = [
+            _changed([*units, *(f"({unit})/s" if unit else "" for unit in units)], scales),
+            _changed([v.unit for v in flat.inputs], scales),
+            flat.theta_values * _changed([p.unit for p in flat.parameters], scales),
+            np.zeros(flat.w.numel()),
+            scales.get("[time]", 1.0),
+        ]
+        return float(evaluate(*values))
+
+    return slope
 
 
 def _changed(units: Sequence[str], scales: Mapping[str, float]) -> np.ndarray:

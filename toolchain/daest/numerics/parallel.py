@@ -31,7 +31,6 @@ from concurrent.futures import (
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
-from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
 from threading import Lock
@@ -43,6 +42,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 import daest
 from daest.errors import ConfigError, DaestError
 from daest.files import die_with_parent
+from daest.machine import version
 from daest.numerics import deadline
 from daest.numerics.compiler import find_compiler
 

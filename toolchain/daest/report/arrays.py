@@ -68,7 +68,12 @@ def csv_text(header: Sequence[str], rows: np.ndarray) -> str:
     others with 9; values that are not finite are empty cells."""
     buffer = io.StringIO()
     csv.writer(buffer, lineterminator="\n").writerow(header)
-    for time, *values in rows.tolist():
-        cells = (f"{v:.9g}" if -np.inf < v < np.inf else "" for v in values)
-        buffer.write(",".join((f"{time:.12g}", *cells)) + "\n")
+    formats = ["%.12g", *["%.9g"] * (rows.shape[1] - 1)]
+    whole = ",".join(formats) + "\n"
+    for row, is_whole in zip(rows.tolist(), np.isfinite(rows[:, 1:]).all(axis=1).tolist(), strict=True):
+        if is_whole:
+            buffer.write(whole % tuple(row))
+        else:
+            cells = [form % v if -np.inf < v < np.inf else "" for form, v in zip(formats, row, strict=True)]
+            buffer.write(",".join((f"{row[0]:.12g}", *cells[1:])) + "\n")
     return buffer.getvalue()

@@ -77,7 +77,7 @@ def _of_equations(
     values = flat.checked_theta(theta)
     is_affine = is_affine_model(flat)
     point = operating_point(flat, at)
-    family = linear_dae_function(flat, at)
+    family = _family(flat, _at_zero(flat) if is_affine else point)
     matrices = [sp.csc_array(m.sparse()) for m in family(values)]
     unread = _unread_rows(flat, matrices, point)
     if unread:
@@ -194,7 +194,11 @@ def linear_dae_function(flat: FlatModel, at: Mapping[str, float] | None = None) 
         >>> daest.linear_dae_function(flat)(flat.theta_values)[0].shape
         (65, 65)
     """
-    return ca.Function("linear_dae", [flat.theta], _matrices(flat, at), ["theta"], list(MATRIX_NAMES))
+    return _family(flat, _expansion_point(flat, at))
+
+
+def _family(flat: FlatModel, point: OperatingPoint) -> ca.Function:
+    return ca.Function("linear_dae", [flat.theta], _matrices(flat, point), ["theta"], list(MATRIX_NAMES))
 
 
 @singledispatch
@@ -268,7 +272,7 @@ def theta_entries(flat: FlatModel, at: Mapping[str, float] | None = None) -> lis
     names = [p.name for p in flat.parameters]
     symbols = ca.vertcat(ca.SX(0, 1), *[ca.SX.sym(name) for name in names])
     entries: list[ThetaEntry] = []
-    for matrix, value in zip(MATRIX_NAMES, _matrices(flat, at), strict=True):
+    for matrix, value in zip(MATRIX_NAMES, _matrices(flat, _expansion_point(flat, at)), strict=True):
         named = ca.substitute(value, flat.theta, symbols)
         for row, column in zip(*value.sparsity().get_triplet(), strict=True):
             expression = named[row, column]
@@ -295,14 +299,18 @@ def _closes_at_end(text: str) -> bool:
     return False
 
 
-def _matrices(flat: FlatModel, at: Mapping[str, float] | None) -> list[ca.SX]:
-    """E, J, K, B, C, D, H, offset, output_offset as SX in θ, at the operating point."""
+def _at_zero(flat: FlatModel) -> OperatingPoint:
     zero = np.zeros(flat.n)
-    point = (
-        OperatingPoint(zero, zero, np.zeros(len(flat.inputs)), 0.0, is_given=True)
-        if is_affine_model(flat)
-        else operating_point(flat, at)
-    )
+    return OperatingPoint(zero, zero, np.zeros(len(flat.inputs)), 0.0, is_given=True)
+
+
+def _expansion_point(flat: FlatModel, at: Mapping[str, float] | None) -> OperatingPoint:
+    """Where the slopes are taken: of an affine model they are the same everywhere."""
+    return _at_zero(flat) if is_affine_model(flat) else operating_point(flat, at)
+
+
+def _matrices(flat: FlatModel, point: OperatingPoint) -> list[ca.SX]:
+    """E, J, K, B, C, D, H, offset, output_offset as SX in θ, at the operating point."""
     F, h = flat.residual, flat.output_expressions
     E, J, K, B = (
         ca.jacobian(F, flat.derivatives),
