@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 from daest.errors import ModelError
 from daest.model.flat import FlatModel
@@ -15,7 +16,8 @@ from daest.modelica.bus_members import expandable_connectors
 from daest.modelica.change import declare, with_values
 from daest.modelica.compiler import Job, compile_source, modification, with_room
 from daest.modelica.dialect import Names, adapted, with_named_classes, without_broken, without_quotes
-from daest.modelica.excerpt import adapted_text, excerpt
+from daest.modelica.excerpt import adapted_text, excerpt, may_extend
+from daest.modelica.fitting import with_bases
 from daest.modelica.inner_values import with_inner_values
 from daest.modelica.library import (
     Roots,
@@ -68,7 +70,32 @@ def compile_text(
     name = _chosen_class(text, names, path, class_name)
     text = with_named_classes(without_broken(text, path, name), path, name)
     folders = library_roots(libraries)
-    part = _excerpt(folders, text, path)
+    bases: dict[str, str] = {}
+    while True:
+        try:
+            return _with_part(text, path, name, names, folders, overrides, bases)
+        except failures.Unfitting as problem:
+            part = _excerpt(folders, text, path, bases)
+            if part is None or problem.name in bases:
+                raise
+            if not may_extend(text, part, problem.name, problem.wanted):
+                raise
+            bases[problem.name] = problem.wanted
+
+
+def _with_part(
+    text: bytes,
+    path: Path,
+    name: str,
+    names: Names,
+    folders: Sequence[Path],
+    overrides: Mapping[str, float] | None,
+    bases: Mapping[str, str],
+) -> FlatModel:
+    """As `compile_text`, of class `name`, with the part of the libraries that it needs, or else with all of
+    them; `bases` are further base classes of classes."""
+    text = with_bases(text, bases)
+    part = _excerpt(folders, text, path, bases)
     if part is not None:
         own = adapted_text(text, part) if part.folders else text
         job = Job(path, own, name, part, names=names)
@@ -86,7 +113,9 @@ def compile_text(
 _MISSING = ("model-unknown-class", "model-unknown-name", "model-kind")
 
 
-def _excerpt(folders: Sequence[Path], text: bytes, path: Path) -> Roots | None:
+def _excerpt(
+    folders: Sequence[Path], text: bytes, path: Path, bases: Mapping[str, str] = MappingProxyType({})
+) -> Roots | None:
     """The part of the libraries that the text needs; None where it uses all of the bundled one alone."""
     bundled = [folder for folder in folders if (folder / "Daest" / "package.mo").is_file()]
     others = [folder for folder in folders if folder not in bundled]
@@ -94,7 +123,7 @@ def _excerpt(folders: Sequence[Path], text: bytes, path: Path) -> Roots | None:
     known = {library_name(entry) for entry in entries}
     words = {token.text for token in tokens(text) if token.kind == "name"}
     if known & words:
-        return excerpt(entries, bundled, text, path)
+        return excerpt(entries, bundled, text, path, bases)
     if adapted(text) != text or expandable_connectors(text):
         return excerpt([], bundled, text, path)
     # A text that names no library is compiled in no time where the compiler has not to look at any.

@@ -15,12 +15,14 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from daest.cache import cache_folder, forget_unused, keep_content, kept_content, was_used
 from daest.modelica.bus_members import bus_members, with_members
 from daest.modelica.complex_text import COMPLEX, with_parts
 from daest.modelica.components import Classes
 from daest.modelica.dialect import OPERATOR_FILES, adapted, external_objects, with_constructors
+from daest.modelica.fitting import fits, with_bases
 from daest.modelica.library import BYTE_ORDER_MARK, MOST_KEPT, Roots, library_name, put_in_place, stamp
 from daest.modelica.outline import class_heads
 
@@ -56,16 +58,22 @@ class _Library:
     left_out: tuple[str, ...]  # folders without package.mo
 
 
-def excerpt(entries: Sequence[Path], others: Sequence[Path], text: bytes, path: Path) -> Roots | None:
+def excerpt(
+    entries: Sequence[Path],
+    others: Sequence[Path],
+    text: bytes,
+    path: Path,
+    bases: Mapping[str, str] = MappingProxyType({}),
+) -> Roots | None:
     """A root with what the text in file `path` needs of the libraries `entries`; `others` are roots as they
-    are. None where a library cannot be read."""
+    are, `bases` further base classes of classes. None where a library cannot be read."""
     try:
         libraries = {library_name(entry): _indexed(entry) for entry in entries}
         scope = _scope_of(path, libraries)
         needed = _needed(text, scope, libraries)
         if scope:
             _include(scope[1], libraries, needed)
-        folder, origins, objects = _written(needed, libraries)
+        folder, origins, objects = _written(needed, libraries, bases)
     except (OSError, UnicodeDecodeError):
         return None
     return Roots((folder, *others), origins, objects)
@@ -239,13 +247,20 @@ def _include(full: str, libraries: dict[str, _Library], needed: set[str]) -> Non
 
 
 def _written(
-    needed: set[str], libraries: dict[str, _Library]
+    needed: set[str], libraries: dict[str, _Library], bases: Mapping[str, str]
 ) -> tuple[Path, dict[str, Path], tuple[str, ...]]:
     """A folder of the cache with the files, and where they come from."""
     used = sorted({full.partition(".")[0] for full in needed})
     objects = sorted({one for name in used for f in libraries[name].files.values() for one in f.objects})
     key = hashlib.sha256(
-        "\0".join([_VERSION, *sorted(needed), *(stamp([libraries[name].entry]) for name in used)]).encode()
+        "\0".join(
+            [
+                _VERSION,
+                *sorted(needed),
+                *(stamp([libraries[name].entry]) for name in used),
+                str(sorted(bases.items())),
+            ]
+        ).encode()
     ).hexdigest()[:32]
     root = cache_folder() / "libraries" / f"excerpt-{key}"
     origins: dict[str, Path] = {}
@@ -255,7 +270,8 @@ def _written(
     if not root.is_dir():
         draft = root.with_name(f"{root.name}.{os.getpid()}")
         texts = {
-            full: _file_of(full, libraries).read_bytes().removeprefix(BYTE_ORDER_MARK) for full in needed
+            full: with_bases(_file_of(full, libraries).read_bytes().removeprefix(BYTE_ORDER_MARK), bases)
+            for full in needed
         }
         classes = Classes(texts.get)
         members = bus_members(classes, texts.values())
@@ -313,6 +329,12 @@ def adapted_text(text: bytes, roots: Roots) -> bytes:
     if any(Path(made).stem == COMPLEX for made in roots.origins):
         text = with_parts(text, Classes(lambda full: _read_of(full, text, roots)))
     return with_constructors(adapted(text), objects) + f"\n// {' '.join(names)}\n".encode()
+
+
+def may_extend(text: bytes, roots: Roots, name: str, wanted: str) -> bool:
+    """Whether class `name`, of the text or of the excerpt, has what class `wanted` has, so that it may extend
+    it."""
+    return fits(Classes(lambda full: _read_of(full, text, roots)), name, wanted)
 
 
 def _read_of(full: str, text: bytes, roots: Roots) -> bytes | None:

@@ -19,6 +19,7 @@ MOST_EXPECTED = 8  # words of the parser that are passed on
 
 _BALANCE = re.compile(r"unbalanced model: (\d+) equations, (\d+) unknowns")
 _QUOTED = re.compile(r"['`]([^'`]+)['`]")
+_SUBTYPE = re.compile(r"violates constrainedby: `([\w.]+)` is not a subtype of `([\w.]+)`")
 _BYTE = re.compile(r"start: BytePos\((\d+)\)")
 _POSITION = re.compile(r"╭─\[.*?:(\d+):(\d+)\]")
 _DECLARED_TYPE = re.compile(r"^  type (\w+) =", re.MULTILINE)
@@ -30,6 +31,14 @@ class RefusedFunction(ModelError):
     def __init__(self, name: str, what: str, where: Place | str, remedy: str) -> None:
         super().__init__("model-function", what, where=where, remedy=remedy)
         self.name = name
+
+
+class Unfitting(ModelError):
+    """The class `name` that is redeclared does not extend the constraining class `wanted`."""
+
+    def __init__(self, problem: ModelError, name: str, wanted: str) -> None:
+        super().__init__(problem.code, problem.what, where=problem.where, remedy=problem.remedy)
+        self.name, self.wanted = name, wanted
 
 
 class BeyondCompiler(ModelError):
@@ -84,13 +93,15 @@ def translated(
     if limit is not None:
         what, remedy = limit
         named = _QUOTED.search(message[message.index(_plain(message)[:20]) :])
-        return ModelError(
+        problem = ModelError(
             "model-compile",
             f"`{class_name}` is beyond the compiler that is built in: {what}"
             f"{f' (`{named[1]}`)' if named else ''}. The model may well be right",
             where=str(path),
             remedy=remedy,
         )
+        pair = _SUBTYPE.search(message)
+        return Unfitting(problem, pair[1], pair[2]) if pair else problem
     for translate in (
         _syntax,
         _balance,
