@@ -215,6 +215,21 @@ def test_a_load_is_no_definition_of_a_rate() -> None:
     assert "1:v" in {b.name(flat) for b in balances(flat)}
 
 
+def test_a_speed_in_a_balance_is_no_rate_of_its_position() -> None:
+    text = b"""model Cylinder
+      parameter Real A(unit = "m2") = 1e-3, C(unit = "m3/Pa") = 2e-12;
+      input Real q(unit = "m3/s");
+      Real s(unit = "m"), v(unit = "m/s"), p(unit = "Pa");
+    equation
+      der(s) = v;
+      40*der(v) = A*p - 300*v;
+      C*der(p) = q - A*v;
+    end Cylinder;"""
+    flat = compile_text(text, Path("Cylinder.mo"))
+    found = {site.name: site.domain for site in sites(flat) if site.kind == "equation"}
+    assert found == {"1:v": "translational", "2:p": "hydraulic"}
+
+
 def test_heat_of_a_bare_equation_in_celsius(tmp_path) -> None:
     flat, effect = bare(tmp_path), find_effect("ConstantHeatGain")
     made = attach(flat, effect, find_site(flat, "4:T", effect), name="gain")

@@ -81,6 +81,16 @@ def _equations(flat: FlatModel, domain: Domain | None = None) -> list[Site]:
     return found
 
 
+def untold_balances(flat: FlatModel) -> list[Site]:
+    """Balances among the model's own equations whose domain no unit tells: a load may act there, and no
+    effect of the library but those of signals fits."""
+    return [
+        Site(one.name(flat), "equation", "signal", aliases=(flat.equations[one.row].text,))
+        for one in balances(flat)
+        if one.domain(flat) is None
+    ]
+
+
 def _exchanges(flat: FlatModel) -> list[Site]:
     """Pairs of balances of heat or volume among the model's own equations."""
     found: list[Site] = []
