@@ -587,6 +587,26 @@ def test_law_that_leaves_a_curve_which_would_say_all_is_refused():
     assert _wrong_law(stand.null, run, prepared, fit, 100.0 * left.log_likelihood_gain, left) == ""
 
 
+@pytest.mark.parametrize(("speed", "first"), [(0.008, "CoulombFriction"), (0.03, "StribeckFriction")])
+def test_bump_of_friction_within_what_its_sign_is_rounded_over_is_how_the_sign_is(speed, first):
+    """Friction that sticks is steeper than a rounded sign: a bump that is as narrow makes it so."""
+    _, simple = proved()
+    (effect,) = some_effects("StribeckFriction")
+    own = {f"{simple.candidate.name}.{name}": value for name, value in (("w_st", speed), ("w_s", 0.01))}
+    fit = replace(simple.told, theta={**simple.told.theta, **own})
+    rich = replace(
+        simple,
+        candidate=replace(simple.candidate, effect=effect),
+        fit=fit,
+        final=fit,
+        delta_log_likelihood=1.2 * simple.delta_log_likelihood,
+        delta_bic=1.2 * simple.delta_bic,
+    )
+    found = ranked([rich, simple])
+    assert [p.verdict for p in found] == ["supported", "rejected"]
+    assert found[0].candidate.effect.name == first
+
+
 def test_curve_over_another_variable_does_not_cover_the_law():
     stand, run, prepared, proof = misread()
     response = law_response(stand.null, run, prepared.trial.candidate, proof.fit.theta)

@@ -1174,6 +1174,8 @@ def _is_rival(one: Proof, best: Proof) -> bool:
     best by parameters that nobody knows is a rival where they make it likelier: without them it is the best
     one, which no data could tell it from. A law that is better in one output and worse in another is missing
     besides."""
+    if _is_of_the_kink(one, best):
+        return False
     if _is_vague(one, best):
         return one.delta_bic > best.delta_bic
     return (
@@ -1213,21 +1215,43 @@ def _is_vague(richer: Proof, simple: Proof) -> bool:
     )
 
 
+def _is_of_the_kink(richer: Proof, simple: Proof) -> bool:
+    """Whether a law at the place of a simple one for the same quantity has its form within what its own kink
+    is rounded over: it says how the kink is, which is sharper than either is rounded, and no more."""
+    one, other = richer.candidate, simple.candidate
+    if one.site != other.site or one.effect.sizes[0].unit != other.effect.sizes[0].unit:
+        return False
+    return (
+        len(one.estimated) > len(other.estimated)
+        and simple.delta_log_likelihood > GATES.min_kinked_gain * richer.delta_log_likelihood
+        and _has_form_in_kink(richer)
+    )
+
+
+def _has_form_in_kink(proof: Proof) -> bool:
+    effect, theta = proof.candidate.effect, proof.told.theta
+    value = {p.name: theta.get(f"{proof.candidate.name}.{p.name}", np.nan) for p in effect.parameters}
+    kinks = {p.scale_of: value[p.name] for p in effect.parameters if p.role == "sharpness"}
+    forms = [p for p in _scaled(proof.candidate) if p.scale_of in kinks]
+    return any(abs(value[p.name]) < GATES.max_form_in_kink * kinks[p.scale_of] for p in forms)
+
+
 def _own_sizes(proof: Proof) -> list[FittedParameter]:
     return [p for p in proof.fit.parameters if p.name.startswith(f"{proof.candidate.name}.")]
 
 
 def _simplest(accepted: Sequence[Proof]) -> Proof:
     """The best by BIC, or one at the same place with fewer parameters that gains nearly as much: with much
-    data, the way in which a law is rounded is significant, too. Of laws that are the same on these data, the
-    one with the fewest parameters of any kind, and then with the fewest connectors: what runs over is lost,
-    as long as nothing tells where it goes."""
+    data, the way in which a law is rounded is significant, too (`_is_of_the_kink`). Of laws that are the same
+    on these data, the one with the fewest parameters of any kind, and then with the fewest connectors: what
+    runs over is lost, as long as nothing tells where it goes."""
     same = [p for p in accepted if p is accepted[0] or _is_same_equation(p, accepted[0])]
     best = min(same, key=lambda p: (len(p.candidate.effect.parameters), len(p.candidate.effect.connectors)))
     simpler = [
         p
         for p in accepted
         if _is_same_beside_a_load(best, p)
+        or _is_of_the_kink(best, p)
         or (
             p.candidate.site == best.candidate.site
             and len(p.fit.parameters) < len(best.fit.parameters)
