@@ -39,9 +39,11 @@ from daest.diagnosis.proof import (
     with_steady_error,
 )
 from daest.diagnosis.screen import law_response, run_null, screen
-from daest.model.diagnosis import Ahead, InUse, Screen, Screened
+from daest.diagnosis.unseen import steady_misfit
+from daest.model.diagnosis import Ahead, Candidate, InUse, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.fit import error_ratios
+from daest.modelica.attach import attach
 from daest.modelica.sites import sites
 from daest.systems.reduce import reduce_index
 
@@ -754,6 +756,25 @@ def test_error_beside_constant_loads_is_that_of_noise_where_an_offset_is_all_tha
     moved = [replace(e, outputs=e.outputs + 0.1) for e in stand.validation]
     assert with_steady_error(stand.null, proof, moved).steady_error == pytest.approx(known, rel=0.05)
     assert with_steady_error(stand.null, replace(proof, final=None), moved).steady_error is None
+
+
+def test_error_beside_constant_loads_of_a_law_of_a_recorded_signal_takes_that_signal():
+    stand, proof = rubbing(), proved()[1]
+    (effect,) = some_effects("MeasuredTorque")
+    site = proof.candidate.site
+    flat = attach(stand.null.flat, effect, site, "push", {"k": 0.0}, {"u": "wind"})
+    pushed = replace(
+        proof, flat=flat, candidate=Candidate(effect, site, "push", inputs={"u": "wind"}), final=stand.told
+    )
+    windy = [replace(e, extra={"wind": np.sin(e.time)}) for e in stand.validation]
+    found = with_steady_error(stand.null, pushed, windy).steady_error
+    plain = steady_misfit(
+        stand.null,
+        stand.null.flat.with_theta(stand.told.theta),
+        stand.null.explicit,
+        [one.driven_by(["wind"]) for one in windy],
+    )
+    assert found == pytest.approx(np.sqrt(plain), rel=1e-3)
 
 
 def test_as_much_as_chance_finds_is_no_proof(monkeypatch):

@@ -17,6 +17,7 @@ from daest.modelica.connectors import Connector, connectors_of
 from daest.modelica.internal_forces import internal_forces
 from daest.modelica.meshes import meshes
 from daest.modelica.place_units import balances_flows
+from daest.modelica.terminals import terminals
 from daest.near import near_names
 
 # Rows of a component are linearised at a random point; a combination of rows is found with this relative
@@ -43,8 +44,8 @@ class ConnectionSet:
 
 def sites(flat: Model) -> tuple[Site, ...]:
     """All places of the model: nodes, two-terminal components, pairs of thermal and hydraulic nodes,
-    connectors where something can be put in series, balances of bare equations, forces and
-    meshes in them, inputs, outputs and tunable parameters. A model without equations has inputs and outputs
+    connectors where something can be put in series, balances of bare equations, forces, meshes and terminals
+    in them, inputs, outputs and tunable parameters. A model without equations has inputs and outputs
     alone."""
     signals = (
         *(Site(x.name, "input", "signal") for x in flat.inputs),
@@ -63,6 +64,7 @@ def sites(flat: Model) -> tuple[Site, ...]:
         *_exchanges(flat),
         *_forces(flat),
         *(Site(one.name(flat), "mesh", "electrical", aliases=one.aliases(flat)) for one in meshes(flat)),
+        *(Site(one.name(flat), "terminal", "electrical") for one in terminals(flat)),
         *signals,
         *(Site(name, "parameter", "signal") for name in _used_parameters(flat)),
     )
@@ -135,7 +137,7 @@ def fits(effect: Effect, site: Site) -> bool:
         return False
     if site.kind in ("node", "equation"):
         return effect.attach == "connector"
-    if site.kind in ("connector", "mesh"):
+    if site.kind in ("connector", "mesh", "terminal"):
         return effect.attach == "series"
     if effect.attach == "connector":
         return effect.has_support and site.kind in ("component", "force")
