@@ -12,7 +12,7 @@ import numpy as np
 from daest.errors import ModelError
 from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
-from daest.modelica.balances import balances, slopes_near_start
+from daest.modelica.balances import Balance, balances, slopes_near_start
 from daest.modelica.connectors import Connector, connectors_of
 from daest.modelica.internal_forces import internal_forces
 from daest.modelica.meshes import meshes
@@ -74,13 +74,24 @@ def _equations(flat: FlatModel, domain: Domain | None = None) -> list[Site]:
     """Balances among the model's own equations whose domain the unit of their variable tells, or is `domain`
     where it has no unit."""
     found: list[Site] = []
-    for balance in balances(flat):
+    for balance in _of_fitting_units(flat):
         unit = flat.unknowns[balance.variable].unit
         own = balance.domain(flat) if unit else domain
         if own is not None:
             aliases = (flat.equations[balance.row].text, flat.unknowns[balance.variable].name)
             found.append(Site(balance.name(flat), "equation", own, aliases=aliases))
     return found
+
+
+def _of_fitting_units(flat: FlatModel) -> list[Balance]:
+    """The balances; of a row with several rates those whose terms are flows of their domain, if there are
+    any: `m*l*der(v) + m*l^2*der(w) = …` is a sum of torques, where a force on v has no place."""
+    known = balances(flat)
+    rows = [balance.row for balance in known]
+    shared = [balance for balance in known if rows.count(balance.row) > 1]
+    fitting = [balance for balance in shared if balances_flows(flat, balance)]
+    told = {balance.row for balance in fitting}
+    return [balance for balance in known if balance.row not in told or balance in fitting]
 
 
 def untold_balances(flat: FlatModel) -> list[Site]:
