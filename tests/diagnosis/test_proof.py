@@ -32,6 +32,7 @@ from daest.diagnosis.proof import (
     clipping_trials,
     from_simulation,
     is_significant,
+    least_hope,
     prepare,
     prove,
     ranked,
@@ -607,6 +608,8 @@ def test_bump_of_friction_within_what_its_sign_is_rounded_over_is_how_the_sign_i
     found = ranked([rich, simple])
     assert [p.verdict for p in found] == ["supported", "rejected"]
     assert found[0].candidate.effect.name == first
+    # Nor does the other end the search for the simple law because that is far less likely.
+    assert np.isinf(least_hope(rich, simple.candidate)) == (first == "CoulombFriction")
 
 
 def test_curve_over_another_variable_does_not_cover_the_law():

@@ -153,6 +153,8 @@ def could_compete(trial: Trial, best: Proof | None, screen: Screen) -> bool:
     """
     if best is None or best.left is None or is_significant(best.left, best.delta_log_likelihood):
         return True
+    if _may_be_of_the_kink(best, trial.candidate):
+        return True
     names = [entry.candidate.name for entry in screen.entries]
     if not {best.candidate.name, trial.candidate.name} <= set(names):
         return True
@@ -316,7 +318,8 @@ def searched(
     """The refit of one candidate, as `prove` judges it. Raises what `refit` raises."""
     explicit = reduce_index(prepared.flat)
     fed = replace(null, experiments=tuple(experiments))
-    refit = _refit(fed, prepared, explicit, least_hope(leader), null_fit.log_likelihood)
+    hopeless = least_hope(leader, prepared.trial.candidate)
+    refit = _refit(fed, prepared, explicit, hopeless, null_fit.log_likelihood)
     gain = refit.fit.log_likelihood - null_fit.log_likelihood
     return Searched(prepared, explicit, fed.experiments, refit, float(gain))
 
@@ -335,7 +338,7 @@ def proof_of(
 ) -> Proof:
     """The judgement of a candidate whose search has ended; arguments and errors as those of `prove`."""
     prepared, explicit, experiments = found.prepared, found.explicit, found.experiments
-    refit, gain, hopeless = found.refit, found.gain, least_hope(leader)
+    refit, gain, hopeless = found.refit, found.gain, least_hope(leader, prepared.trial.candidate)
     fed, fit = replace(null, experiments=experiments), found.refit.fit
     n_own = len(prepared.names) - len(null.estimated)
     delta_bic = bic_gain(gain, n_own, null)
@@ -505,9 +508,11 @@ def by_simulation(
     )
 
 
-def least_hope(leader: Proof | None) -> float:
-    """The log-likelihood below which the refit of another candidate is not pursued."""
-    return -np.inf if leader is None else leader.fit.log_likelihood - GATES.hopeless_log_likelihood
+def least_hope(leader: Proof | None, candidate: Candidate) -> float:
+    """The log-likelihood below which the refit of another `candidate` is not pursued."""
+    if leader is None or _may_be_of_the_kink(leader, candidate):
+        return -np.inf
+    return leader.fit.log_likelihood - GATES.hopeless_log_likelihood
 
 
 def _in_brief(
@@ -1218,14 +1223,15 @@ def _is_vague(richer: Proof, simple: Proof) -> bool:
 def _is_of_the_kink(richer: Proof, simple: Proof) -> bool:
     """Whether a law at the place of a simple one for the same quantity has its form within what its own kink
     is rounded over: it says how the kink is, which is sharper than either is rounded, and no more."""
-    one, other = richer.candidate, simple.candidate
-    if one.site != other.site or one.effect.sizes[0].unit != other.effect.sizes[0].unit:
-        return False
-    return (
-        len(one.estimated) > len(other.estimated)
-        and simple.delta_log_likelihood > GATES.min_kinked_gain * richer.delta_log_likelihood
-        and _has_form_in_kink(richer)
-    )
+    gains_enough = simple.delta_log_likelihood > GATES.min_kinked_gain * richer.delta_log_likelihood
+    return gains_enough and _may_be_of_the_kink(richer, simple.candidate)
+
+
+def _may_be_of_the_kink(richer: Proof, simple: Candidate) -> bool:
+    one = richer.candidate
+    is_beyond = len(one.estimated) > len(simple.estimated)
+    is_alike = one.site == simple.site and one.effect.sizes[0].unit == simple.effect.sizes[0].unit
+    return is_beyond and is_alike and _has_form_in_kink(richer)
 
 
 def _has_form_in_kink(proof: Proof) -> bool:
