@@ -608,6 +608,10 @@ def test_bump_of_friction_within_what_its_sign_is_rounded_over_is_how_the_sign_i
     found = ranked([rich, simple])
     assert [p.verdict for p in found] == ["supported", "rejected"]
     assert found[0].candidate.effect.name == first
+    refused = ranked([rich, replace(simple, verdict="rejected", reason="unseen data are foreseen worse")])
+    assert [p.verdict for p in refused] == (
+        ["not separable"] * 2 if first == "CoulombFriction" else ["supported", "rejected"]
+    )
     # Nor does the other end the search for the simple law because that is far less likely.
     assert np.isinf(least_hope(rich, simple.candidate)) == (first == "CoulombFriction")
 

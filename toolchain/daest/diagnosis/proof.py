@@ -963,8 +963,9 @@ def _weak_size(size: FittedParameter, null: float, least: float, certainty: floa
 
 def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     """Best first. Accepted candidates that are rivals of the best (`_is_rival`) are not separable from it: of
-    them, those come first that foresee unseen data clearly better, then the likeliest. Where a refused one is
-    far more likely, none is the explanation."""
+    them, those come first that foresee unseen data clearly better, then the likeliest. A refused law that the
+    best one only rounds otherwise (`_is_of_the_kink`) is not separable from it, either. Where a refused one
+    is far more likely, none is the explanation."""
     order = sorted(_on_one_basis(proofs), key=lambda p: (p.verdict == "rejected", -p.delta_bic))
     accepted = [p for p in order if p.verdict == "supported"]
     if not accepted:
@@ -984,10 +985,12 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     nested = [p for p in close if _is_same_beside_a_load(p, best)]
     close = [p for p in close if p not in nested]
     twins = [p for p in close if p is not best and _is_twin(p, best)]
-    close = [p for p in close if p not in twins]
+    # Refused, it may be for how its kink is rounded: then nothing tells that it is not the simple law.
+    doubted = [p for p in order if p.verdict == "rejected" and _is_of_the_kink(best, p)]
+    close = [*(p for p in close if p not in twins), *doubted]
     result = []
     for proof in order:
-        if proof.verdict == "rejected":
+        if proof.verdict == "rejected" and proof not in doubted:
             result.append(proof)
         elif proof in twins:
             reason = f"the data do not tell it from the same effect at {best.candidate.site.name}"
@@ -1004,6 +1007,7 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
                     equivalent=(*proof.equivalent, *(name for name in alike if name not in proof.equivalent)),
                     not_separable_from=others,
                     verdict="not separable" if others else "supported",
+                    reason="",
                     same_as=tuple(p.candidate.label for p in same) if proof is best else (),
                 )
             )
