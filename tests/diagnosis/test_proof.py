@@ -612,6 +612,8 @@ def test_bump_of_friction_within_what_its_sign_is_rounded_over_is_how_the_sign_i
     assert [p.verdict for p in refused] == (
         ["not separable"] * 2 if first == "CoulombFriction" else ["supported", "rejected"]
     )
+    less = replace(simple, delta_log_likelihood=0.6 * rich.delta_log_likelihood)
+    assert [p.verdict for p in ranked([rich, less])] == [p.verdict for p in refused]
     # Nor does the other end the search for the simple law because that is far less likely.
     assert np.isinf(least_hope(rich, simple.candidate)) == (first == "CoulombFriction")
 

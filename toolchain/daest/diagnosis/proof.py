@@ -963,8 +963,8 @@ def _weak_size(size: FittedParameter, null: float, least: float, certainty: floa
 
 def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     """Best first. Accepted candidates that are rivals of the best (`_is_rival`) are not separable from it: of
-    them, those come first that foresee unseen data clearly better, then the likeliest. A refused law that the
-    best one only rounds otherwise (`_is_of_the_kink`) is not separable from it, either. Where a refused one
+    them, those come first that foresee unseen data clearly better, then the likeliest. A law that the best
+    one only rounds otherwise (`_is_rounded_otherwise`) is not separable from it, either. Where a refused one
     is far more likely, none is the explanation."""
     order = sorted(_on_one_basis(proofs), key=lambda p: (p.verdict == "rejected", -p.delta_bic))
     accepted = [p for p in order if p.verdict == "supported"]
@@ -985,9 +985,9 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     nested = [p for p in close if _is_same_beside_a_load(p, best)]
     close = [p for p in close if p not in nested]
     twins = [p for p in close if p is not best and _is_twin(p, best)]
-    # Refused, it may be for how its kink is rounded: then nothing tells that it is not the simple law.
-    doubted = [p for p in order if p.verdict == "rejected" and _is_of_the_kink(best, p)]
-    close = [*(p for p in close if p not in twins), *doubted]
+    close = [p for p in close if p not in twins]
+    doubted = [p for p in order if p not in close and _is_rounded_otherwise(p, best)]
+    close += doubted
     result = []
     for proof in order:
         if proof.verdict == "rejected" and proof not in doubted:
@@ -1229,6 +1229,13 @@ def _is_of_the_kink(richer: Proof, simple: Proof) -> bool:
     is rounded over: it says how the kink is, which is sharper than either is rounded, and no more."""
     gains_enough = simple.delta_log_likelihood > GATES.min_kinked_gain * richer.delta_log_likelihood
     return gains_enough and _may_be_of_the_kink(richer, simple.candidate)
+
+
+def _is_rounded_otherwise(simple: Proof, best: Proof) -> bool:
+    """Whether a law that is refused, or less likely, may be so for nothing but how its kink is rounded."""
+    least = GATES.min_kinked_gain if simple.verdict == "rejected" else GATES.min_doubted_gain
+    gains_enough = simple.delta_log_likelihood > least * best.delta_log_likelihood
+    return gains_enough and _may_be_of_the_kink(best, simple.candidate)
 
 
 def _may_be_of_the_kink(richer: Proof, simple: Candidate) -> bool:
