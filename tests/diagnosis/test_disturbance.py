@@ -6,6 +6,8 @@ import numpy as np
 from hidden_plants import quiet, rotor_null, rotor_record
 
 from daest.diagnosis.disturbance import place_gains, smoothed_load
+from daest.diagnosis.null import with_noise
+from daest.diagnosis.screen import run_null
 
 
 @cache
@@ -20,6 +22,13 @@ def test_load_buys_likelihood_where_there_is_one():
     assert gain.group == ("rotor.flange_a",) and gain.unit == "N.m"
     assert gain.log_likelihood_gain > 100.0
     assert gain.size == null.loads[0].size
+
+
+def test_load_that_explains_all_noise_of_a_sensor_buys_as_much():
+    null, _, _ = pushed()
+    sharp = with_noise(null, null.intensity, np.array([1e-12]))
+    (gain,) = place_gains(sharp, run_null(sharp))
+    assert gain.log_likelihood_gain > 100.0
 
 
 def test_smoothed_load_is_the_true_one():

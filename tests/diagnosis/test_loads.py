@@ -1,5 +1,6 @@
 """Where loads may act, and the model with loads: transfer functions by hand."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from hidden_plants import model
 
 from daest.diagnosis.diagnose import without_noises
-from daest.diagnosis.loads import load_places, with_loads
+from daest.diagnosis.loads import load_places, load_sites, with_loads
 from daest.modelica.compile import compile_text
 from daest.modelica.sites import sites
 from daest.systems.state_space import state_space, state_space_family
@@ -56,6 +57,24 @@ def test_load_that_an_accelerometer_sees_at_once_has_its_place():
     response = space.C @ np.linalg.solve(2j * np.eye(3) - space.A, space.G[:, 0])
     # a = s²/(2 s² + 50) times the load, T/(T s + 1) times its noise, at s = 2i
     assert abs(response[0]) * abs(1 + 2j * T) == pytest.approx(4 / 42 * T, rel=1e-6)
+
+
+COIL = b"""model Coil
+  input Real u(unit = "V");
+  output Real y(unit = "A");
+  Real i(unit = "A");
+equation
+  0.02*der(i) = u - 2.5*i;
+  y = i;
+end Coil;
+"""
+
+
+@pytest.mark.parametrize("text", [COIL, re.sub(rb"\(unit = .*?\)", b"", COIL)])
+def test_a_balance_whose_domain_no_unit_tells_takes_a_load(text):
+    flat = compile_text(text, Path("Coil.mo"))
+    (place,) = load_places(flat, load_sites(flat))
+    assert place.names == ("0:i",) and place.row == 0
 
 
 def test_load_has_a_name_that_the_model_has_not():

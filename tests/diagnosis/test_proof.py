@@ -32,6 +32,7 @@ from daest.diagnosis.proof import (
     clipping_trials,
     from_simulation,
     is_significant,
+    least_hope,
     prepare,
     prove,
     ranked,
@@ -39,9 +40,11 @@ from daest.diagnosis.proof import (
     with_steady_error,
 )
 from daest.diagnosis.screen import law_response, run_null, screen
-from daest.model.diagnosis import Ahead, InUse, Screen, Screened
+from daest.diagnosis.unseen import steady_misfit
+from daest.model.diagnosis import Ahead, Candidate, InUse, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.fit import error_ratios
+from daest.modelica.attach import attach
 from daest.modelica.sites import sites
 from daest.systems.reduce import reduce_index
 
@@ -587,6 +590,34 @@ def test_law_that_leaves_a_curve_which_would_say_all_is_refused():
     assert _wrong_law(stand.null, run, prepared, fit, 100.0 * left.log_likelihood_gain, left) == ""
 
 
+@pytest.mark.parametrize(("speed", "first"), [(0.008, "CoulombFriction"), (0.03, "StribeckFriction")])
+def test_bump_of_friction_within_what_its_sign_is_rounded_over_is_how_the_sign_is(speed, first):
+    """Friction that sticks is steeper than a rounded sign: a bump that is as narrow makes it so."""
+    _, simple = proved()
+    (effect,) = some_effects("StribeckFriction")
+    own = {f"{simple.candidate.name}.{name}": value for name, value in (("w_st", speed), ("w_s", 0.01))}
+    fit = replace(simple.told, theta={**simple.told.theta, **own})
+    rich = replace(
+        simple,
+        candidate=replace(simple.candidate, effect=effect),
+        fit=fit,
+        final=fit,
+        delta_log_likelihood=1.2 * simple.delta_log_likelihood,
+        delta_bic=1.2 * simple.delta_bic,
+    )
+    found = ranked([rich, simple])
+    assert [p.verdict for p in found] == ["supported", "rejected"]
+    assert found[0].candidate.effect.name == first
+    refused = ranked([rich, replace(simple, verdict="rejected", reason="unseen data are foreseen worse")])
+    assert [p.verdict for p in refused] == (
+        ["not separable"] * 2 if first == "CoulombFriction" else ["supported", "rejected"]
+    )
+    less = replace(simple, delta_log_likelihood=0.6 * rich.delta_log_likelihood)
+    assert [p.verdict for p in ranked([rich, less])] == [p.verdict for p in refused]
+    # Nor does the other end the search for the simple law because that is far less likely.
+    assert np.isinf(least_hope(rich, simple.candidate)) == (first == "CoulombFriction")
+
+
 def test_curve_over_another_variable_does_not_cover_the_law():
     stand, run, prepared, proof = misread()
     response = law_response(stand.null, run, prepared.trial.candidate, proof.fit.theta)
@@ -734,6 +765,25 @@ def test_error_beside_constant_loads_is_that_of_noise_where_an_offset_is_all_tha
     moved = [replace(e, outputs=e.outputs + 0.1) for e in stand.validation]
     assert with_steady_error(stand.null, proof, moved).steady_error == pytest.approx(known, rel=0.05)
     assert with_steady_error(stand.null, replace(proof, final=None), moved).steady_error is None
+
+
+def test_error_beside_constant_loads_of_a_law_of_a_recorded_signal_takes_that_signal():
+    stand, proof = rubbing(), proved()[1]
+    (effect,) = some_effects("MeasuredTorque")
+    site = proof.candidate.site
+    flat = attach(stand.null.flat, effect, site, "push", {"k": 0.0}, {"u": "wind"})
+    pushed = replace(
+        proof, flat=flat, candidate=Candidate(effect, site, "push", inputs={"u": "wind"}), final=stand.told
+    )
+    windy = [replace(e, extra={"wind": np.sin(e.time)}) for e in stand.validation]
+    found = with_steady_error(stand.null, pushed, windy).steady_error
+    plain = steady_misfit(
+        stand.null,
+        stand.null.flat.with_theta(stand.told.theta),
+        stand.null.explicit,
+        [one.driven_by(["wind"]) for one in windy],
+    )
+    assert found == pytest.approx(np.sqrt(plain), rel=1e-3)
 
 
 def test_as_much_as_chance_finds_is_no_proof(monkeypatch):

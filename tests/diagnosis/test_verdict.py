@@ -120,6 +120,20 @@ def test_equivalent_places_are_told():
     assert "cannot tell it from the same effect at bearing" in found.message
 
 
+@pytest.mark.parametrize(
+    ("domain", "told"), [("thermal", "temperature"), ("electrical", "voltage"), ("signal", "one by one")]
+)
+def test_experiment_that_separates_places_measures_what_there_is_to_measure(domain, told):
+    apart = [
+        replace(p, candidate=replace(p.candidate, site=replace(p.candidate.site, name=name, domain=domain)))
+        for p, name in ((proof(), "a"), (proof("QuadraticDrag"), "b"))
+    ]
+    found = decide(evidence(proofs=tuple(apart)))
+    assert (
+        found.name == "cannot tell" and told in found.next_experiment and "a and b" in found.next_experiment
+    )
+
+
 def test_two_accepted_candidates_are_a_set_with_the_experiment_that_separates_them():
     found = decide(evidence(proofs=[proof(), proof("QuadraticDrag", "not separable")]))
     assert found.name == "cannot tell"

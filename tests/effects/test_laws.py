@@ -79,6 +79,7 @@ OTHERS: dict[str, tuple[str, Law]] = {
     "Conduction": ("Q_flow", lambda v: v["G"] * v["dT"]),
     "ExtraHeatCapacity": ("Q_flow", lambda v: -v["G"] * v["z"]),
     "ConstantHeatGain": ("Q_flow", lambda v: v["Q_0"]),
+    "HeatLoss": ("Q_flow", lambda v: -v["G"] * (v["port.T"] - v["T_0"])),
     "MeasuredHeatGain": ("Q_flow", lambda v: v["A"] * v["u"]),
     "MeasuredHeatFlow": ("Q_flow", lambda v: v["k"] * v["u"]),
     "MeasuredVentilation": ("Q_flow", lambda v: v["k"] * v["u"] * v["dT"]),

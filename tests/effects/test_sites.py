@@ -215,6 +215,36 @@ def test_a_load_is_no_definition_of_a_rate() -> None:
     assert "1:v" in {b.name(flat) for b in balances(flat)}
 
 
+def test_a_speed_in_a_balance_is_no_rate_of_its_position() -> None:
+    text = b"""model Cylinder
+      parameter Real A(unit = "m2") = 1e-3, C(unit = "m3/Pa") = 2e-12;
+      input Real q(unit = "m3/s");
+      Real s(unit = "m"), v(unit = "m/s"), p(unit = "Pa");
+    equation
+      der(s) = v;
+      40*der(v) = A*p - 300*v;
+      C*der(p) = q - A*v;
+    end Cylinder;"""
+    flat = compile_text(text, Path("Cylinder.mo"))
+    found = {site.name: site.domain for site in sites(flat) if site.kind == "equation"}
+    assert found == {"1:v": "translational", "2:p": "hydraulic"}
+
+
+def test_of_several_rates_in_a_row_those_of_its_unit_are_balanced() -> None:
+    text = b"""model Balance
+      parameter Real m(unit = "kg") = 0.2, l(unit = "m") = 0.3;
+      input Real F(unit = "N");
+      Real s(unit = "m"), v(unit = "m/s"), a(unit = "rad"), w(unit = "rad/s");
+    equation
+      der(s) = v;
+      der(a) = w;
+      5*m*der(v) + m*l*cos(a)*der(w) = F + m*l*w^2*sin(a);
+      m*l*cos(a)*der(v) + m*l^2*der(w) = m*9.81*l*sin(a);
+    end Balance;"""
+    found = [site.name for site in sites(compile_text(text, Path("Balance.mo"))) if site.kind == "equation"]
+    assert found == ["2:v", "3:w"]
+
+
 def test_heat_of_a_bare_equation_in_celsius(tmp_path) -> None:
     flat, effect = bare(tmp_path), find_effect("ConstantHeatGain")
     made = attach(flat, effect, find_site(flat, "4:T", effect), name="gain")

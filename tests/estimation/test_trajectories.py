@@ -1,6 +1,7 @@
 """Prediction errors of nonlinear models against scipy, and their slopes against finite differences."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,12 +10,27 @@ from scipy.integrate import solve_ivp
 
 from daest.estimation.coordinates import Unknowns, objective, parameter_coordinate
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors, whitened
+from daest.modelica.compile import compile_text
 from daest.systems.integrate import integrator
+from daest.systems.reduce import reduce_index
 
 TIME = time_grid(120, 0.1)
 INPUTS = np.repeat(np.random.default_rng(3).standard_normal(12), 10)[:, None]
 MODEL = oscillator()
 NAMES = ("k", "d", "k3")
+
+
+TWO_UNITS = b"""model Cylinder
+  parameter Real c(unit = "N/m") = 2e4;
+  input Real F(unit = "N");
+  Real s(unit = "m", start = 0), v(unit = "m/s", start = 0);
+  output Real x(unit = "m"), p(unit = "Pa");
+equation
+  der(s) = v;
+  40*der(v) = F - 300*v - c*s;
+  x = s;
+  p = 1e9*s;
+end Cylinder;"""
 
 
 def true_positions(theta=(4.0, 0.5, 2.0), x0=(0.2, 0.0)):
@@ -121,3 +137,14 @@ def test_runaway_is_no_value():
         model=integrator(MODEL),
     )
     assert objective(unstable)(np.array([0.4, 0.0]), False) is None
+
+
+def test_errors_of_outputs_in_units_far_apart_have_not_run_away():
+    model = reduce_index(compile_text(TWO_UNITS, Path("Cylinder.mo")))
+    rng = np.random.default_rng(5)
+    y = rng.standard_normal((TIME.size, 2)) * [1e-4, 1e5]
+    record = experiment_of(model, TIME, 100.0 * INPUTS, y)
+    unknowns = Unknowns((), model.flat.theta_values, np.zeros(0), np.zeros(2))
+    p = TrajectoryProblem(integrator(model), (record,), "zoh", unknowns, np.ones(2), np.full(2, np.nan), None)
+    found = prediction_errors(p, np.zeros(2))
+    assert found is not None and found.covariance[1, 1] > 1e15 * found.covariance[0, 0]

@@ -32,6 +32,8 @@ def place_gains(null: Null, run: NullObserver) -> tuple[PlaceGain, ...]:
     loads."""
     model = integrator(null.explicit)
     whole = _log_likelihood(null, model, run.gain)
+    # Where the loads explain all noise of a sensor, even hardly any load would follow the data as well.
+    std = np.maximum(null.measurement_std, np.sqrt(np.diag(np.linalg.inv(run.root.T @ run.root))))
     gains = []
     for load in null.loads:
         without = np.array(
@@ -40,7 +42,7 @@ def place_gains(null: Null, run: NullObserver) -> tuple[PlaceGain, ...]:
                 for w, q in zip(null.flat.noises, null.intensity, strict=True)
             ]
         )
-        found = observer(run.average, without, null.measurement_std)
+        found = observer(run.average, without, std)
         gain = np.zeros_like(run.gain) if found is None else found.gain
         values = (_log_likelihood(null, model, g) for g in (gain, np.zeros_like(gain)))
         # An observer that runs away predicts no worse than the simulation.

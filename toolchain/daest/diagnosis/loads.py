@@ -22,7 +22,7 @@ from daest.model.linear import StateSpace
 from daest.model.parts import Equation, NoiseInput, Parameter, Variable
 from daest.modelica.place_units import flow_unit
 from daest.modelica.places import resolve_place
-from daest.modelica.sites import sites
+from daest.modelica.sites import sites, untold_balances
 from daest.systems.state_space import state_space, state_space_family
 
 N_FREQUENCIES = 9
@@ -51,8 +51,11 @@ class LoadPlace:
 
 
 def load_sites(flat: FlatModel) -> list[Site]:
-    """Where unknown loads may act."""
-    return [site for site in sites(flat) if site.kind in ("node", "equation")]
+    """Where unknown loads may act: at nodes and balances of a physical domain; in a model that has none of
+    them, a circuit of one loop say, in its meshes, and where no unit tells a domain, in any balance."""
+    known = sites(flat)
+    flows = [site for site in known if site.kind in ("node", "equation")]
+    return flows or [site for site in known if site.kind == "mesh"] or untold_balances(flat)
 
 
 def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]:
@@ -109,7 +112,7 @@ def _free_names(flat: FlatModel) -> Iterator[str]:
 
 def _rows(flat: FlatModel, node: Site) -> list[int]:
     """Equations that a load at the node enters: its balance of flows, or the bare equation itself."""
-    return resolve_place(flat, node.name.partition(":")[0] if node.kind == "equation" else node.connectors[0])
+    return resolve_place(flat, node.connectors[0] if node.kind == "node" else node.name.partition(":")[0])
 
 
 def _driven_by(flat: FlatModel, row: int) -> StateSpace | None:
@@ -147,7 +150,7 @@ def _sine(a: np.ndarray, b: np.ndarray) -> float:
 
 def _unit(flat: FlatModel, row: int, node: Site) -> str:
     """Of the flows in equation `row`, at the node; empty where it is not known."""
-    if node.kind == "equation":
+    if node.kind != "node":
         return flow_unit(flat, node)
     text = flat.equations[row].text
     for variable in flat.unknowns:

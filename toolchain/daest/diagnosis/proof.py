@@ -153,6 +153,8 @@ def could_compete(trial: Trial, best: Proof | None, screen: Screen) -> bool:
     """
     if best is None or best.left is None or is_significant(best.left, best.delta_log_likelihood):
         return True
+    if _may_be_of_the_kink(best, trial.candidate):
+        return True
     names = [entry.candidate.name for entry in screen.entries]
     if not {best.candidate.name, trial.candidate.name} <= set(names):
         return True
@@ -316,7 +318,8 @@ def searched(
     """The refit of one candidate, as `prove` judges it. Raises what `refit` raises."""
     explicit = reduce_index(prepared.flat)
     fed = replace(null, experiments=tuple(experiments))
-    refit = _refit(fed, prepared, explicit, least_hope(leader), null_fit.log_likelihood)
+    hopeless = least_hope(leader, prepared.trial.candidate)
+    refit = _refit(fed, prepared, explicit, hopeless, null_fit.log_likelihood)
     gain = refit.fit.log_likelihood - null_fit.log_likelihood
     return Searched(prepared, explicit, fed.experiments, refit, float(gain))
 
@@ -335,7 +338,7 @@ def proof_of(
 ) -> Proof:
     """The judgement of a candidate whose search has ended; arguments and errors as those of `prove`."""
     prepared, explicit, experiments = found.prepared, found.explicit, found.experiments
-    refit, gain, hopeless = found.refit, found.gain, least_hope(leader)
+    refit, gain, hopeless = found.refit, found.gain, least_hope(leader, prepared.trial.candidate)
     fed, fit = replace(null, experiments=experiments), found.refit.fit
     n_own = len(prepared.names) - len(null.estimated)
     delta_bic = bic_gain(gain, n_own, null)
@@ -505,9 +508,11 @@ def by_simulation(
     )
 
 
-def least_hope(leader: Proof | None) -> float:
-    """The log-likelihood below which the refit of another candidate is not pursued."""
-    return -np.inf if leader is None else leader.fit.log_likelihood - GATES.hopeless_log_likelihood
+def least_hope(leader: Proof | None, candidate: Candidate) -> float:
+    """The log-likelihood below which the refit of another `candidate` is not pursued."""
+    if leader is None or _may_be_of_the_kink(leader, candidate):
+        return -np.inf
+    return leader.fit.log_likelihood - GATES.hopeless_log_likelihood
 
 
 def _in_brief(
@@ -958,8 +963,9 @@ def _weak_size(size: FittedParameter, null: float, least: float, certainty: floa
 
 def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     """Best first. Accepted candidates that are rivals of the best (`_is_rival`) are not separable from it: of
-    them, those come first that foresee unseen data clearly better, then the likeliest. Where a refused one is
-    far more likely, none is the explanation."""
+    them, those come first that foresee unseen data clearly better, then the likeliest. A law that the best
+    one only rounds otherwise (`_is_rounded_otherwise`) is not separable from it, either. Where a refused one
+    is far more likely, none is the explanation."""
     order = sorted(_on_one_basis(proofs), key=lambda p: (p.verdict == "rejected", -p.delta_bic))
     accepted = [p for p in order if p.verdict == "supported"]
     if not accepted:
@@ -980,9 +986,11 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     close = [p for p in close if p not in nested]
     twins = [p for p in close if p is not best and _is_twin(p, best)]
     close = [p for p in close if p not in twins]
+    doubted = [p for p in order if p not in close and _is_rounded_otherwise(p, best)]
+    close += doubted
     result = []
     for proof in order:
-        if proof.verdict == "rejected":
+        if proof.verdict == "rejected" and proof not in doubted:
             result.append(proof)
         elif proof in twins:
             reason = f"the data do not tell it from the same effect at {best.candidate.site.name}"
@@ -999,6 +1007,7 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
                     equivalent=(*proof.equivalent, *(name for name in alike if name not in proof.equivalent)),
                     not_separable_from=others,
                     verdict="not separable" if others else "supported",
+                    reason="",
                     same_as=tuple(p.candidate.label for p in same) if proof is best else (),
                 )
             )
@@ -1174,6 +1183,8 @@ def _is_rival(one: Proof, best: Proof) -> bool:
     best by parameters that nobody knows is a rival where they make it likelier: without them it is the best
     one, which no data could tell it from. A law that is better in one output and worse in another is missing
     besides."""
+    if _is_of_the_kink(one, best):
+        return False
     if _is_vague(one, best):
         return one.delta_bic > best.delta_bic
     return (
@@ -1213,21 +1224,51 @@ def _is_vague(richer: Proof, simple: Proof) -> bool:
     )
 
 
+def _is_of_the_kink(richer: Proof, simple: Proof) -> bool:
+    """Whether a law at the place of a simple one for the same quantity has its form within what its own kink
+    is rounded over: it says how the kink is, which is sharper than either is rounded, and no more."""
+    gains_enough = simple.delta_log_likelihood > GATES.min_kinked_gain * richer.delta_log_likelihood
+    return gains_enough and _may_be_of_the_kink(richer, simple.candidate)
+
+
+def _is_rounded_otherwise(simple: Proof, best: Proof) -> bool:
+    """Whether a law that is refused, or less likely, may be so for nothing but how its kink is rounded."""
+    least = GATES.min_kinked_gain if simple.verdict == "rejected" else GATES.min_doubted_gain
+    gains_enough = simple.delta_log_likelihood > least * best.delta_log_likelihood
+    return gains_enough and _may_be_of_the_kink(best, simple.candidate)
+
+
+def _may_be_of_the_kink(richer: Proof, simple: Candidate) -> bool:
+    one = richer.candidate
+    is_beyond = len(one.estimated) > len(simple.estimated)
+    is_alike = one.site == simple.site and one.effect.sizes[0].unit == simple.effect.sizes[0].unit
+    return is_beyond and is_alike and _has_form_in_kink(richer)
+
+
+def _has_form_in_kink(proof: Proof) -> bool:
+    effect, theta = proof.candidate.effect, proof.told.theta
+    value = {p.name: theta.get(f"{proof.candidate.name}.{p.name}", np.nan) for p in effect.parameters}
+    kinks = {p.scale_of: value[p.name] for p in effect.parameters if p.role == "sharpness"}
+    forms = [p for p in _scaled(proof.candidate) if p.scale_of in kinks]
+    return any(abs(value[p.name]) < GATES.max_form_in_kink * kinks[p.scale_of] for p in forms)
+
+
 def _own_sizes(proof: Proof) -> list[FittedParameter]:
     return [p for p in proof.fit.parameters if p.name.startswith(f"{proof.candidate.name}.")]
 
 
 def _simplest(accepted: Sequence[Proof]) -> Proof:
     """The best by BIC, or one at the same place with fewer parameters that gains nearly as much: with much
-    data, the way in which a law is rounded is significant, too. Of laws that are the same on these data, the
-    one with the fewest parameters of any kind, and then with the fewest connectors: what runs over is lost,
-    as long as nothing tells where it goes."""
+    data, the way in which a law is rounded is significant, too (`_is_of_the_kink`). Of laws that are the same
+    on these data, the one with the fewest parameters of any kind, and then with the fewest connectors: what
+    runs over is lost, as long as nothing tells where it goes."""
     same = [p for p in accepted if p is accepted[0] or _is_same_equation(p, accepted[0])]
     best = min(same, key=lambda p: (len(p.candidate.effect.parameters), len(p.candidate.effect.connectors)))
     simpler = [
         p
         for p in accepted
         if _is_same_beside_a_load(best, p)
+        or _is_of_the_kink(best, p)
         or (
             p.candidate.site == best.candidate.site
             and len(p.fit.parameters) < len(best.fit.parameters)

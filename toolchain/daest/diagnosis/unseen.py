@@ -328,8 +328,9 @@ def steady_misfit(
     null: Null, flat: FlatModel, explicit: ExplicitModel, experiments: Sequence[Experiment]
 ) -> float | None:
     """Mean squared error of the simulation of `flat`, whose dynamics are `explicit`, whitened with the noise
-    of the `null`'s sensors, where every experiment has a constant load and an initial state of its own. None
-    where it cannot be simulated.
+    of the `null`'s sensors, where every experiment has a constant load and an initial state of its own.
+    Inputs that the model has not are ignored, further ones are columns of `extra`. None where it cannot be
+    simulated.
 
     From one recording to the next a room is warmer, the zero of a sensor elsewhere, a bearing tighter: that
     much of the error belongs to no law, and hides what a law does.
@@ -341,7 +342,8 @@ def steady_misfit(
     gain = np.zeros((len(explicit.state_names), len(flat.outputs)))
     root, free = np.diag(1.0 / null.measurement_std), np.ones(len(explicit.state_names), dtype=bool)
     total = 0.0
-    for experiment in experiments:
+    names = [one.name for one in flat.inputs]
+    for experiment in (one.as_driving(names) for one in experiments):
         try:
             begin = _initial_state(still, model, experiment, gain, root)
         except IntegrationError:

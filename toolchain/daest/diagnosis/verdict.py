@@ -14,11 +14,19 @@ from daest.diagnosis.proof import is_significant, told_value
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.unseen import is_likelier, is_silent
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Unproved, VerdictName
+from daest.model.effects import Domain
 from daest.model.fit import FitResult, error_ratios
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
 from daest.quantities import spoken_duration
 
+MEASURED: dict[Domain, str] = {  # what could be measured between two places
+    "rotational": "an angle, a speed or a torque",
+    "translational": "a motion or a force",
+    "electrical": "a voltage or a current",
+    "thermal": "a temperature or a flow of heat",
+    "hydraulic": "a pressure or a flow",
+}
 LARGER = "Record again with larger amplitudes, which show more of the form of the law."
 
 
@@ -280,19 +288,31 @@ def _errors(evidence: Evidence, proof: Proof) -> str:
 def _cannot_tell(evidence: Evidence, accepted: Sequence[Proof]) -> Decided:
     names = [p.candidate.label for p in accepted]
     differ = {p.candidate.site.name for p in accepted}
+    is_mechanical = accepted[0].candidate.site.domain in ("rotational", "translational")
     separate = (
         "Run the machine slowly and at several constant speeds, and with amplitudes from small to large: "
         "friction, elasticity and play differ there most."
-        if len(differ) == 1
+        if len(differ) == 1 and is_mechanical
         else "Excite the inputs at other amplitudes and speeds, where these laws differ."
-        if evidence.is_closed
-        else f"Measure a motion, torque or current between {_listed(tuple(differ))}."
+        if len(differ) == 1 or evidence.is_closed
+        else _to_tell_places(accepted)
     )
     return Decided(
         "cannot tell",
         f"One of {_listed(tuple(names))} is missing; these data do not separate them.",
         separate,
     )
+
+
+def _to_tell_places(accepted: Sequence[Proof]) -> str:
+    """The measurement that tells laws at several places apart: of quantities of their domains; of sensors and
+    actuators alone, that each is tried by itself."""
+    places = _listed(tuple(dict.fromkeys(p.candidate.site.name for p in accepted)))
+    domains = dict.fromkeys(p.candidate.site.domain for p in accepted)
+    known = [MEASURED[domain] for domain in domains if domain in MEASURED]
+    if not known:
+        return f"Try the sensors and actuators of {places} apart from the machine, one by one."
+    return f"Measure {' or '.join(known)} between {places}."
 
 
 def _not_proven(evidence: Evidence, near: list[Proof]) -> Decided:

@@ -115,7 +115,7 @@ def check_start(
         text = ", ".join(name for name, is_dead in zip(names, dead, strict=True) if is_dead)
         raise EstimationError(
             "identify-no-influence",
-            f"no measured output depends on {text}",
+            f"no measured output depends on {text}, or free initial states do all that it does",
             where=text,
             remedy="fix it to a known value (--fix), measure an output that it moves, or start where it acts "
             "(--set)",

@@ -133,10 +133,17 @@ def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bo
     errors = tuple(e.outputs - t.outputs for e, t in zip(problem.experiments, trajectories, strict=True))
     with np.errstate(over="ignore", invalid="ignore"):
         covariance = _covariance(problem, errors)
-        if not np.all(np.isfinite(covariance)) or np.linalg.cond(covariance) > FIT.runaway:
+        if _has_run_away(covariance, _sizes(problem.experiments)):
             return None
         value = _negative_log_likelihood(errors, covariance)
     return Errors(errors, covariance, tuple(trajectories), value)
+
+
+def _has_run_away(covariance: np.ndarray, sizes: np.ndarray) -> bool:
+    """Whether errors of this covariance (n_y, n_y) are beyond all that outputs of these `sizes` (n_y,) do.
+    The units of the outputs do not matter: a pressure is 10⁹ times the position beside it."""
+    relative = covariance / np.outer(sizes, sizes)
+    return not np.all(np.isfinite(relative)) or bool(np.linalg.cond(relative) > FIT.runaway)
 
 
 def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False) -> list[Trajectory]:

@@ -68,6 +68,13 @@ class Experiment(Timed):
         inputs = np.column_stack([self.inputs, *(np.nan_to_num(self.extra[name]) for name in names)])
         return replace(self, inputs=inputs, input_names=(*self.input_names, *names))
 
+    def as_driving(self, names: Sequence[str]) -> Experiment:
+        """The recording with the inputs `names` alone, in that order: those that it has and columns of
+        `extra`."""
+        whole = self.driven_by([name for name in names if name not in self.input_names])
+        chosen = [whole.input_names.index(name) for name in names]
+        return replace(whole, inputs=whole.inputs[:, chosen], input_names=tuple(names))
+
     @property
     def period(self) -> float | None:
         steps = np.diff(self.time)

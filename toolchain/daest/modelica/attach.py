@@ -25,6 +25,7 @@ from daest.modelica.internal_forces import InternalForce, internal_forces
 from daest.modelica.meshes import Mesh, meshes
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import connection_sets, fits
+from daest.modelica.terminals import terminals
 from daest.near import near_names
 
 __all__ = ["attach", "attach_all", "component_name"]
@@ -210,6 +211,8 @@ class _Assembly:
             self._beside_force(member, site.name)
         elif site.kind == "mesh":
             self._in_mesh(member, site.name)
+        elif site.kind == "terminal":
+            self._at_terminal(member, site.name)
         elif site.kind == "output":
             self._before_output(member, site.name)
         elif site.kind == "input":
@@ -448,6 +451,14 @@ class _Assembly:
         self._tie(*member.local(first, 1), current, self.xi[place.variable])
         self._tie(*member.local(second, 0), "0", ca.SX(0.0))
 
+    def _at_terminal(self, member: _Member, name: str) -> None:
+        """The voltage over the effect becomes a term of an output, its current is the input's."""
+        place = next(one for one in terminals(self.flat) if one.name(self.flat) == name)
+        first, second = member.effect.connectors
+        self.results[place.output] += place.sign * member.local(first, 0)[1]
+        self._tie(*member.local(first, 1), place.current_name(self.flat), self.u[place.current])
+        self._tie(*member.local(second, 0), "0", ca.SX(0.0))
+
     def _add_term(self, row: int, sign: float, name: str, symbol: ca.SX) -> None:
         """Add a term to an equation of the model, on the left where the sign is positive."""
         old = self.equations[row]
@@ -532,6 +543,9 @@ class _Assembly:
         if site.kind in ("input", "output", "parameter"):
             found = {_owner(e.text.partition(" = ")[2]) for e in self.equations if _reads(e, site.name)}
             return found | self._shown_by(site)
+        if site.kind == "terminal":
+            current = site.name.partition(":")[2]
+            return {_owner(e.text.partition(" = ")[0]) for e in self.equations if _is_tied(e, current)}
         if site.kind in ("equation", "exchange", "force", "mesh"):
             return self._terms_of({int(name.partition(":")[0]) for name in site.name.split(", ")})
         if site.kind == "connector":
@@ -619,6 +633,11 @@ def _placed_noise(noise: NoiseInput, component: str) -> NoiseInput:
 def _owner(name: str) -> str:
     """The component of a variable or connector; the name itself at top level."""
     return name.rpartition(".")[0] or name
+
+
+def _is_tied(equation: Equation, current: str) -> bool:
+    """Whether the equation gives a connector the current of an input."""
+    return equation.kind == "connection" and not equation.origin and equation.text.endswith(f" = {current}")
 
 
 def _reads(equation: Equation, name: str) -> bool:

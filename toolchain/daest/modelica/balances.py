@@ -3,6 +3,7 @@ term."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -72,7 +73,6 @@ def balances(flat: FlatModel) -> list[Balance]:
     if not rows:
         return []
     slopes = slopes_near_start(flat)
-    n = flat.n
     rates, definitions = _rates(slopes, rows, _own_unknowns(flat))
     positions = {rate: variable for variable, rate in rates.items()}
     assigned = set() if flat.events is None else {one.unknown for one in flat.events.assignments}
@@ -80,13 +80,23 @@ def balances(flat: FlatModel) -> list[Balance]:
     for row in rows:
         if row in definitions:
             continue
-        for variable in (one for one in range(n) if one not in assigned):
-            at = [n + variable, *([rates[variable]] if variable in rates else [])]
-            rate = next((i for i in at if slopes[row, i]), None)
-            if rate is not None:
+        for variable, rate in _balanced(slopes[row], rates):
+            if variable not in assigned:
                 sign = float(np.sign(slopes[row, rate]))
                 found.append(Balance(row, variable, sign, positions.get(variable, -1), rate))
     return found
+
+
+def _balanced(slopes: np.ndarray, rates: Mapping[int, int]) -> list[tuple[int, int]]:
+    """The variables whose rates a row with these `slopes` (2n,) gives, and where each rate stands.
+
+    `A*v` in `m*der(v) = A*p - d*v` and in `C*der(p) = q - A*v` is no rate of a position, although v is: a
+    derivative goes before the unknowns that equal one, and of these the highest before the lower ones."""
+    n = slopes.size // 2
+    explicit = [(i - n, i) for i in np.flatnonzero(slopes[n:]) + n]
+    named = [(variable, rate) for variable, rate in rates.items() if slopes[rate]]
+    lower = {variable for variable, rate in named if any(higher == rate for higher, _ in named)}
+    return [(int(a), int(b)) for a, b in explicit] or sorted(one for one in named if one[0] not in lower)
 
 
 def own_laws(flat: FlatModel) -> list[int]:

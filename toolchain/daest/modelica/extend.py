@@ -45,6 +45,7 @@ from daest.modelica.outline import (
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import sites
 from daest.modelica.source import read_source, select_class
+from daest.modelica.terminals import terminals
 from daest.modelica.text import number_text
 
 __all__ = ["CurveText", "Extension", "extend_by_curve", "extend_model"]
@@ -402,6 +403,8 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Origi
         original = _beside_force(draft, placement, original)
     elif site.kind == "mesh":
         original = _in_mesh(draft, placement, original)
+    elif site.kind == "terminal":
+        original = _at_terminal(draft, placement, original)
     elif site.kind == "input":
         original = _behind_input(draft, placement, original)
     elif site.kind == "output":
@@ -460,6 +463,22 @@ def _in_mesh(draft: _Draft, placement: Placement, original: _Original) -> _Origi
     for own, pin in zip(placement.effect.connectors, ("p", "n"), strict=True):
         draft.connect(f"{placement.name}.{own}", f"{term}.{pin}")
     return original.changed(source)
+
+
+def _at_terminal(draft: _Draft, placement: Placement, original: _Original) -> _Original:
+    """The model with the effect in series at an output voltage at which an input current flows."""
+    place = next(one for one in terminals(original.flat) if one.name(original.flat) == placement.site.name)
+    current, output = place.current_name(original.flat), original.flat.outputs[place.output].name
+    original, bound = _bound(output, original)
+    if not bound:
+        raise original.refusal(f"the output `{output}` is connected", "Give it by an equation.")
+    term = free_name(f"{current}_term", names_of(original.flat))
+    about = f"In series with {current} at {output}"
+    draft.declarations.append(f'Daest.Terms.Voltage {term}(i = {current}, is_used = true) "{about}";')
+    draft.changes.append(f"{output} = ({bound}) {'+' if place.sign > 0 else '-'} {term}.total")
+    for own, pin in zip(placement.effect.connectors, ("p", "n"), strict=True):
+        draft.connect(f"{placement.name}.{own}", f"{term}.{pin}")
+    return original
 
 
 @contextmanager
@@ -532,22 +551,34 @@ def _behind_input(draft: _Draft, placement: Placement, original: _Original) -> _
 
 def _before_output(draft: _Draft, placement: Placement, original: _Original) -> _Original:
     name = placement.site.name
-    clauses = [c for c in original.clauses() if name in c.pair]
-    bound = "" if clauses else _binding(name, original)
-    if not clauses and (not bound or _is_used(name, original)):
-        with _opening(original, f"the output `{name}`", "effect-input-used"):
-            source = opened_output(original.source, original.flat, name, names_of(original.flat))
-        original = original.changed(source)
-        bound = _binding(name, original)
+    original, bound = _bound(name, original)
     if bound:
         draft.changes.append(f"{name} = {placement.name}.y")
         draft.equations.append(f"{placement.name}.u = {bound};")
         return original
-    for clause in clauses:
+    for clause in _clauses_of(name, original):
         draft.replace(clause)
         draft.connect(clause.left if clause.right == name else clause.right, f"{placement.name}.u")
     draft.connect(f"{placement.name}.y", name)
     return original
+
+
+def _clauses_of(name: str, original: _Original) -> list[ConnectClause]:
+    return [c for c in original.clauses() if name in c.pair]
+
+
+def _bound(name: str, original: _Original) -> tuple[_Original, str]:
+    """The model whose output has a binding that no equation uses, and the text of that; empty where the
+    output is connected."""
+    if _clauses_of(name, original):
+        return original, ""
+    bound = _binding(name, original)
+    if not bound or _is_used(name, original):
+        with _opening(original, f"the output `{name}`", "effect-input-used"):
+            source = opened_output(original.source, original.flat, name, names_of(original.flat))
+        original = original.changed(source)
+        bound = _binding(name, original)
+    return original, bound
 
 
 def _is_used(name: str, original: _Original) -> bool:

@@ -11,9 +11,8 @@ import numpy as np
 from daest.model.flat import FlatModel
 from daest.modelica.balances import own_laws, slopes_near_start
 from daest.modelica.place_units import slope_has_unit
+from daest.modelica.terminals import CURRENT, VOLTAGE
 from daest.quantities import is_of
-
-_CURRENT, _VOLTAGE = "A", "V"
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ def meshes(flat: FlatModel) -> list[Mesh]:
     """Rows of the model itself, not of its components, that are sums of voltages, or follow from one."""
     rows = own_laws(flat)
     # Reading units takes longer than anything else here: a model of components alone needs none.
-    currents = [k for k, v in enumerate(flat.unknowns) if rows and is_of(v.unit, _CURRENT)]
+    currents = [k for k, v in enumerate(flat.unknowns) if rows and is_of(v.unit, CURRENT)]
     if not currents:
         return []
     slopes = slopes_near_start(flat)
@@ -53,7 +52,7 @@ def _mesh(flat: FlatModel, slopes: np.ndarray, row: int, current: int) -> Mesh |
     if at is None:
         return None
     sign = float(np.sign(slopes[row, at]))
-    drop = f"({_VOLTAGE})/({_CURRENT})" if at == current else f"({_VOLTAGE}).s/({_CURRENT})"
+    drop = f"({VOLTAGE})/({CURRENT})" if at == current else f"({VOLTAGE}).s/({CURRENT})"
     if slope_has_unit(flat, row, at, drop):
         return Mesh(row, current, sign)
     others = np.delete(slopes[row], at)
@@ -73,7 +72,7 @@ def _holds_current(flat: FlatModel, row: int, current: int) -> bool:
     """Whether a current other than the unknown `current` stands in the row."""
     known = [(v.unit, flat.xi[k]) for k, v in enumerate(flat.unknowns) if k != current]
     known += [(v.unit, flat.u[k]) for k, v in enumerate(flat.inputs)]
-    found = [x for unit, x in known if is_of(unit, _CURRENT)]
+    found = [x for unit, x in known if is_of(unit, CURRENT)]
     return bool(found) and bool(ca.depends_on(flat.residual[row], ca.vertcat(*found)))
 
 
@@ -83,7 +82,7 @@ def _source(flat: FlatModel, row: int) -> tuple[str, ca.SX] | None:
         found = [
             (variable.name, symbols[k])
             for k, variable in enumerate(variables)
-            if is_of(variable.unit, _VOLTAGE) and ca.depends_on(flat.residual[row], symbols[k])
+            if is_of(variable.unit, VOLTAGE) and ca.depends_on(flat.residual[row], symbols[k])
         ]
         if found:
             return found[0] if len(found) == 1 else None

@@ -54,8 +54,9 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
 
 
 def flow_unit(flat: FlatModel, site: Site) -> str:
-    """Unit of the terms of the bare equation at `site` where they are flows of its domain, else empty."""
-    balance = _balance_of(flat, site.name)
+    """Unit of the terms of the bare equation at `site` where they are flows of its domain, else empty (those
+    of a mesh may be voltages, currents or rates)."""
+    balance = _balance_of(flat, site.name) if site.kind == "equation" else None
     return _FLOWS[site.domain] if balance is not None and balances_flows(flat, balance) else ""
 
 

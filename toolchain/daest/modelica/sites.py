@@ -12,11 +12,12 @@ import numpy as np
 from daest.errors import ModelError
 from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
-from daest.modelica.balances import balances, slopes_near_start
+from daest.modelica.balances import Balance, balances, slopes_near_start
 from daest.modelica.connectors import Connector, connectors_of
 from daest.modelica.internal_forces import internal_forces
 from daest.modelica.meshes import meshes
 from daest.modelica.place_units import balances_flows
+from daest.modelica.terminals import terminals
 from daest.near import near_names
 
 # Rows of a component are linearised at a random point; a combination of rows is found with this relative
@@ -43,8 +44,8 @@ class ConnectionSet:
 
 def sites(flat: Model) -> tuple[Site, ...]:
     """All places of the model: nodes, two-terminal components, pairs of thermal and hydraulic nodes,
-    connectors where something can be put in series, balances of bare equations, forces and
-    meshes in them, inputs, outputs and tunable parameters. A model without equations has inputs and outputs
+    connectors where something can be put in series, balances of bare equations, forces, meshes and terminals
+    in them, inputs, outputs and tunable parameters. A model without equations has inputs and outputs
     alone."""
     signals = (
         *(Site(x.name, "input", "signal") for x in flat.inputs),
@@ -63,6 +64,7 @@ def sites(flat: Model) -> tuple[Site, ...]:
         *_exchanges(flat),
         *_forces(flat),
         *(Site(one.name(flat), "mesh", "electrical", aliases=one.aliases(flat)) for one in meshes(flat)),
+        *(Site(one.name(flat), "terminal", "electrical") for one in terminals(flat)),
         *signals,
         *(Site(name, "parameter", "signal") for name in _used_parameters(flat)),
     )
@@ -72,13 +74,34 @@ def _equations(flat: FlatModel, domain: Domain | None = None) -> list[Site]:
     """Balances among the model's own equations whose domain the unit of their variable tells, or is `domain`
     where it has no unit."""
     found: list[Site] = []
-    for balance in balances(flat):
+    for balance in _of_fitting_units(flat):
         unit = flat.unknowns[balance.variable].unit
         own = balance.domain(flat) if unit else domain
         if own is not None:
             aliases = (flat.equations[balance.row].text, flat.unknowns[balance.variable].name)
             found.append(Site(balance.name(flat), "equation", own, aliases=aliases))
     return found
+
+
+def _of_fitting_units(flat: FlatModel) -> list[Balance]:
+    """The balances; of a row with several rates those whose terms are flows of their domain, if there are
+    any: `m*l*der(v) + m*l^2*der(w) = …` is a sum of torques, where a force on v has no place."""
+    known = balances(flat)
+    rows = [balance.row for balance in known]
+    shared = [balance for balance in known if rows.count(balance.row) > 1]
+    fitting = [balance for balance in shared if balances_flows(flat, balance)]
+    told = {balance.row for balance in fitting}
+    return [balance for balance in known if balance.row not in told or balance in fitting]
+
+
+def untold_balances(flat: FlatModel) -> list[Site]:
+    """Balances among the model's own equations whose domain no unit tells: a load may act there, and no
+    effect of the library but those of signals fits."""
+    return [
+        Site(one.name(flat), "equation", "signal", aliases=(flat.equations[one.row].text,))
+        for one in balances(flat)
+        if one.domain(flat) is None
+    ]
 
 
 def _exchanges(flat: FlatModel) -> list[Site]:
@@ -125,7 +148,7 @@ def fits(effect: Effect, site: Site) -> bool:
         return False
     if site.kind in ("node", "equation"):
         return effect.attach == "connector"
-    if site.kind in ("connector", "mesh"):
+    if site.kind in ("connector", "mesh", "terminal"):
         return effect.attach == "series"
     if effect.attach == "connector":
         return effect.has_support and site.kind in ("component", "force")

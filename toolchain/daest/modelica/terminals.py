@@ -1,0 +1,48 @@
+"""Terminals among the outputs of a model: voltages such as `u = V0 - R*i` of a battery that an input current
+flows through, where an effect can be put in series."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from daest.model.flat import FlatModel
+from daest.quantities import is_of
+
+CURRENT, VOLTAGE = "A", "V"
+
+
+@dataclass(frozen=True)
+class Terminal:
+    """Output `output` is the voltage at which input `current` flows; `sign` is the factor with which the
+    voltage over what is in series enters it."""
+
+    output: int
+    current: int
+    sign: float
+
+    def name(self, flat: FlatModel) -> str:
+        return f"{flat.outputs[self.output].name}:{self.current_name(flat)}"
+
+    def current_name(self, flat: FlatModel) -> str:
+        return flat.inputs[self.current].name
+
+
+def terminals(flat: FlatModel) -> list[Terminal]:
+    """Outputs in volts that an input in amperes moves at once, by a constant resistance: that tells which way
+    the current flows."""
+    voltages = [j for j, y in enumerate(flat.outputs) if is_of(y.unit, VOLTAGE)]
+    currents = [k for k, x in enumerate(flat.inputs) if voltages and is_of(x.unit, CURRENT)]
+    found = [_terminal(flat, j, k) for j in voltages for k in currents]
+    return [one for one in found if one is not None]
+
+
+def _terminal(flat: FlatModel, output: int, current: int) -> Terminal | None:
+    slope = ca.jacobian(flat.output_expressions[output], flat.u[current])
+    moving = ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
+    if ca.depends_on(slope, moving):
+        return None
+    value = float(ca.Function("slope", [flat.theta], [slope])(flat.theta_values))
+    return Terminal(output, current, float(np.sign(value))) if value else None
