@@ -192,8 +192,10 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
     if not ends:
         raise no_start()
     best = min(ends, key=lambda e: e.found.evaluation.value)
-    if warm.is_rough or -best.found.evaluation.value < warm.hopeless:
+    if warm.is_rough:
         return best
+    if -best.found.evaluation.value < warm.hopeless:
+        return _with_own_gain(setup, best, warm)
     for number in range(WARM_ROUNDS):
         average = average_along(best.problem, best.found.z)
         levels = (best.levels or warm.levels) if number else _rescanned(setup, best, warm)
@@ -275,14 +277,20 @@ def _with_own_gain(setup: Setup, end: Ending, warm: WarmStart) -> Ending:
     family = None if average is None else free_gains(setup, average, end.levels or warm.levels)
     if family is None:
         return end
-    wide = with_family(end.problem, family)
-    start = np.concatenate([end.found.z, np.zeros(family.n_logs)])
+    unknowns = end.problem.unknowns
+    wide = with_family(end.problem.held_at(end.found.z), family)
+    states = end.found.z[len(unknowns.coordinates) :]
     lower, upper = limits(wide)
-    n = end.found.z.size
-    lower[:n] = upper[:n] = end.found.z
+    lower[: states.size] = upper[: states.size] = states
+    start = np.concatenate([states, np.zeros(family.n_logs)])
     found = minimise(objective(wide), start, lower, upper, LEVEL_ITERATIONS, FIT.warm_gain)
     if found is None:
         return end
     own = without_family(setup, wide, found)
-    evaluation = replace(end.found.evaluation, value=own.found.evaluation.value)
-    return Ending(own.problem, replace(end.found, evaluation=evaluation), own.levels)
+    value = own.found.evaluation.value + prior_penalty(unknowns, end.found.z)
+    evaluation = replace(end.found.evaluation, value=value)
+    return Ending(
+        replace(own.problem, unknowns=unknowns, holds_parameters=False),
+        replace(end.found, evaluation=evaluation),
+        own.levels,
+    )
