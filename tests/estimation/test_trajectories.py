@@ -7,6 +7,7 @@ import pytest
 from nonlinear_models import experiment_of, oscillator, time_grid
 from scipy.integrate import solve_ivp
 
+from daest.estimation import trajectories
 from daest.estimation.coordinates import Unknowns, objective, parameter_coordinate
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors, whitened
 from daest.systems.integrate import integrator
@@ -121,3 +122,24 @@ def test_runaway_is_no_value():
         model=integrator(MODEL),
     )
     assert objective(unstable)(np.array([0.4, 0.0]), False) is None
+
+
+@pytest.mark.parametrize("gain", [None, np.array([[0.3], [0.5]])])
+def test_what_was_run_with_slopes_is_not_run_again_without(gain, monkeypatch):
+    p, runs = problem(gain=gain), []
+    integrate = trajectories.integrate
+    monkeypatch.setattr(trajectories, "integrate", lambda *a, **k: runs.append(1) or integrate(*a, **k))
+    z = start(p)
+    first = prediction_errors(p, z, with_slopes=True)
+    again = prediction_errors(p, z)
+    assert len(runs) == 1
+    assert again.negative_log_likelihood == first.negative_log_likelihood
+    assert again.trajectories[0].sensitivities.shape == (TIME.size, 1, 0)
+    trajectories._kept.clear()
+    anew = prediction_errors(p, z)
+    assert len(runs) == 2
+    assert np.array_equal(anew.trajectories[0].states, first.trajectories[0].states)
+    for other in (replace(p, rtol=1e-8), replace(p, gain=np.array([[0.1], [0.2]])), problem(missing=(3,))):
+        n = len(runs)
+        prediction_errors(other, z)
+        assert len(runs) == n + 1

@@ -81,7 +81,9 @@ def best_point(
             best = found
         if best is not None and not (lost(search, best) or is_doubtful(best)):
             break
-    return best if best is None or not search.hills else _beyond_hills(search, best)
+    if best is None or not search.hills or best.evaluation.value > search.goal:
+        return best
+    return _beyond_hills(search, best)
 
 
 def _beyond_hills(search: Search, best: Found) -> Found:
