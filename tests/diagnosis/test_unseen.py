@@ -173,7 +173,7 @@ def test_a_law_that_sticks_is_followed_from_the_middle_of_a_motion():
     null = SimpleNamespace(
         explicit=model, theta=model.flat.theta_values, hold="zoh", loads=(), measurement_std=np.array([0.002])
     )
-    run = SimpleNamespace(null=null, gain=np.zeros((2, 1)), root=np.array([[500.0]]))
+    run = SimpleNamespace(null=null, gain=np.zeros((2, 1)), root=np.array([[500.0]]), sizes=np.ones(2))
     found = foreseen(run, [unseen])
     assert found is not None
     assert np.sqrt(np.mean(found.errors[1] ** 2)) == pytest.approx(0.002, rel=0.15)
@@ -206,7 +206,7 @@ def test_the_start_is_found_where_the_fit_leaves_the_noise_of_a_sensor_open():
     null = SimpleNamespace(
         explicit=model, theta=theta, hold="zoh", loads=(), measurement_std=np.array([0.01, 1e4])
     )
-    run = SimpleNamespace(null=null, gain=np.zeros((2, 2)), root=np.diag([100.0, 50.0]))
+    run = SimpleNamespace(null=null, gain=np.zeros((2, 2)), root=np.diag([100.0, 50.0]), sizes=np.ones(2))
     found = foreseen(run, [unseen])
     assert found is not None
     assert np.sqrt(np.nanmean(found.errors[1] ** 2, axis=(0, 1))) == pytest.approx([0.01, 0.02], rel=0.15)
@@ -270,7 +270,7 @@ def test_a_law_is_judged_from_states_that_are_known():
     first = replace(null, experiments=(part_of(record, 0, 150),))
     lost = run_null(first)
     lost = replace(lost, gain=np.zeros_like(lost.gain))
-    errors = _stretches(null, integrator(null.explicit), record, _start_of(null), lost.gain, 1)
+    errors = _stretches(lost, integrator(null.explicit), record, _start_of(null), 1)
     assert np.sqrt(np.mean(errors**2)) > 0.1
     found = foreseen(lost, [record])
     assert found is not None

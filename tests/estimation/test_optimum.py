@@ -89,6 +89,21 @@ def test_a_fit_looks_over_the_hill():
     assert best_point(search, [np.zeros(2)]).z == pytest.approx([1.1, 0.55], abs=0.05)
 
 
+def test_a_search_that_will_not_come_to_its_goal_is_not_doubted():
+    calls = []
+
+    def counted(z, with_slopes):
+        calls.append(with_slopes)
+        return sum_and_slope(z, with_slopes)
+
+    search = two_parameters(counted, [0.0, 0.0])
+    assert best_point(search, [search.home]).reason == "converged"
+    calls.clear()
+    # The start is counted twice, first without slopes. The minimum is 0.
+    assert best_point(replace(search, goal=-1e6), [search.home]).reason == "stalled"
+    assert calls == [False, True]
+
+
 def test_a_better_point_along_a_weak_direction_is_found():
     """Two valleys along b, 3 units apart: the higher one has a minimum of its own."""
 

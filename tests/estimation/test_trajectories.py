@@ -8,6 +8,7 @@ import pytest
 from nonlinear_models import experiment_of, oscillator, time_grid
 from scipy.integrate import solve_ivp
 
+from daest.estimation import trajectories
 from daest.estimation.coordinates import Unknowns, objective, parameter_coordinate
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors, whitened
 from daest.modelica.compile import compile_text
@@ -148,3 +149,24 @@ def test_errors_of_outputs_in_units_far_apart_have_not_run_away():
     p = TrajectoryProblem(integrator(model), (record,), "zoh", unknowns, np.ones(2), np.full(2, np.nan), None)
     found = prediction_errors(p, np.zeros(2))
     assert found is not None and found.covariance[1, 1] > 1e15 * found.covariance[0, 0]
+
+
+@pytest.mark.parametrize("gain", [None, np.array([[0.3], [0.5]])])
+def test_what_was_run_with_slopes_is_not_run_again_without(gain, monkeypatch):
+    p, runs = problem(gain=gain), []
+    integrate = trajectories.integrate
+    monkeypatch.setattr(trajectories, "integrate", lambda *a, **k: runs.append(1) or integrate(*a, **k))
+    z = start(p)
+    first = prediction_errors(p, z, with_slopes=True)
+    again = prediction_errors(p, z)
+    assert len(runs) == 1
+    assert again.negative_log_likelihood == first.negative_log_likelihood
+    assert again.trajectories[0].sensitivities.shape == (TIME.size, 1, 0)
+    trajectories._kept.clear()
+    anew = prediction_errors(p, z)
+    assert len(runs) == 2
+    assert np.array_equal(anew.trajectories[0].states, first.trajectories[0].states)
+    for other in (replace(p, rtol=1e-8), replace(p, gain=np.array([[0.1], [0.2]])), problem(missing=(3,))):
+        n = len(runs)
+        prediction_errors(other, z)
+        assert len(runs) == n + 1

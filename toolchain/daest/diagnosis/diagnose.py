@@ -58,6 +58,7 @@ from daest.diagnosis.proof import (
     has_lost_its_way,
     is_below_null,
     is_significant,
+    least_hope,
     may_be_likelier,
     moved,
     prepare,
@@ -848,6 +849,8 @@ def _found_again(search: _Search, prepared: Prepared, best: Proof) -> Proof:
         return best
     try:
         end = _searched(search, again)
+        if end.refit.fit.log_likelihood < least_hope(search.leader):
+            return best  # it would be judged in brief
         unseen = fed(stand.validation, prepared.trial.candidate)
         if not may_be_likelier(stand.null, end, best, unseen, stand.reference):
             return best

@@ -63,6 +63,7 @@ STORAGE = _Effort(iterations=1, most=2, least_gain=-np.inf)
 BENT = _Effort(iterations=5, most=1, least_gain=0.0)  # a model that bends, whose runs take longer
 
 Simulation = tuple[float, dict[str, float]]  # log-likelihood and all parameters of a fit by simulation
+Fit = Callable[[IdentifyOptions, float], Simulation]  # from the least log-likelihood that is of use
 DynamicFits = list[tuple[float, Prepared]]  # log-likelihoods of simulations with the effects
 
 
@@ -184,18 +185,21 @@ def _best_fit(
     flat, fitted = model
     names = (*null.estimated, *candidate.estimated)
     (nominal, known), options, first = simulation, _options(null, names), []
+    least = nominal + GATES.min_dynamic_gain
     for values in starts:
         own = {f"{candidate.name}.{name}": value for name, value in values.items()}
         start = {name: known[name] for name in null.estimated}
         start |= {name: value for name, value in own.items() if name in names}
         with suppress(*FAILURES):
-            first.append(fitted(replace(options, start=start, max_iterations=effort.iterations)))
+            quick = replace(options, start=start, max_iterations=effort.iterations)
+            first.append(fitted(quick, least))
     first.sort(key=_likelihood, reverse=True)
     pursued = [fit for fit in first[: effort.most] if fit[0] - nominal >= effort.least_gain]
     ends = list(pursued)
     for _, theta in pursued:
         with suppress(*FAILURES):
-            ends.append(fitted(replace(options, start={name: theta[name] for name in names})))
+            whole = replace(options, start={name: theta[name] for name in names})
+            ends.append(fitted(whole, least))
     if not ends:
         return None
     value, theta = max(ends, key=_likelihood)
@@ -206,7 +210,7 @@ def _best_fit(
 
 def _model_with(
     null: Null, candidate: Candidate, values: Mapping[str, float]
-) -> tuple[FlatModel, Callable[[IdentifyOptions], Simulation]] | None:
+) -> tuple[FlatModel, Fit] | None:
     """The model with the candidate, whose parameters have the `values`, and what fits it; None where it
     cannot be solved, or is not affine although the model without the candidate is."""
     try:
@@ -219,7 +223,9 @@ def _model_with(
     return None if has_affine_dynamics(null.explicit) else (flat, partial(_bent_fit, flat, null.experiments))
 
 
-def _bent_fit(flat: FlatModel, experiments: Sequence[Experiment], options: IdentifyOptions) -> Simulation:
+def _bent_fit(
+    flat: FlatModel, experiments: Sequence[Experiment], options: IdentifyOptions, _least: float
+) -> Simulation:
     fit = identify(flat, experiments, options)
     return fit.log_likelihood, fit.theta
 

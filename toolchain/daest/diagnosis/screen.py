@@ -38,9 +38,11 @@ from daest.systems.integrate import Correction, Integrator, Trajectory, integrat
 from daest.systems.integration import IntegrationError
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.sensor_laws import slopes_along
+from daest.systems.tolerances import SOLVER
 
 DRAWS = 20_000  # of the largest score under the null
-RTOL = 1e-5
+RTOL = 1e-4  # of a run of an observer: that of the refits, ...
+ATOL_OF_SCALE = 0.1  # ... with their absolute tolerance where the sizes of the states are known
 ALONE = "has states that do not follow the model alone"  # why an effect is skipped
 HALVINGS = 8  # of a gain with which the observer runs away
 # Samples at a time: the pattern of a function mapped over all of them takes longer than its values.
@@ -85,6 +87,13 @@ class NullObserver:
             one.watched(self.gain, observed.sensors)
             for one, observed in zip(every, self.observed, strict=True)
         )
+
+    @cached_property
+    def sizes(self) -> np.ndarray:
+        """Largest magnitude (n,) of every state along the experiments. Of one that rests at zero nothing is
+        known: its size is such that its absolute tolerance is that without a size."""
+        size = np.max([np.max(np.abs(o.predicted), axis=0) for o in self.observed], axis=0)
+        return np.where(np.isfinite(size) & (size > 0.0), size, SOLVER.atol_of_scale / ATOL_OF_SCALE)
 
     @property
     def whitened(self) -> np.ndarray:

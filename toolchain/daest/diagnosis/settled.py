@@ -33,6 +33,7 @@ SECOND_CHANCES = 2  # searches that go on where one has come to its limit
 BATCHES = 30  # of the record, whose scores count as independent: colour of the innovations shows in them
 FEWEST_BATCHES = 8
 SIMULATED_ITERATIONS = 40
+ROUGH_START = 3  # iterations of the search for the initial states of a simulation that is to be rough
 FAR = 100.0  # times its start value, or that part of it, at which a parameter may be lost
 
 
@@ -48,7 +49,8 @@ def settled(
 ) -> tuple[FitResult, NullObserver] | None:
     """The fit of `flat`, a model that contains the null's loads and has the dynamics `explicit`, with white
     loads in their place, started from `fit`; and its observer over the experiments. None where no search
-    from there succeeds. A rough one ends with the first pass of its search."""
+    from there succeeds. A rough one ends with the first pass of its search, and with a few iterations of
+    that for the initial states of its simulations."""
     names = tuple(p.name for p in fit.parameters)
     times = null.shortest_times
     started = flat.with_theta({**fit.theta, **times})
@@ -65,7 +67,8 @@ def settled(
     if _has_run_away(found.fit, experiments):
         return None
     run = run_null(grown(null, started, explicit, found.fit, experiments))
-    return replace(found.simulated(validation), parameters=_uncertain(found.fit, fit, run)), run
+    told = found.simulated(validation, ROUGH_START) if is_rough else found.simulated(validation)
+    return replace(told, parameters=_uncertain(found.fit, fit, run)), run
 
 
 def _has_run_away(fit: FitResult, experiments: Sequence[Experiment]) -> bool:

@@ -17,7 +17,7 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, with_noise
-from daest.diagnosis.screen import RTOL, NullObserver, run_null
+from daest.diagnosis.screen import ATOL_OF_SCALE, RTOL, NullObserver, run_null
 from daest.errors import DaestError
 from daest.estimation.observer import observer
 from daest.model.diagnosis import Ahead, Confirmed
@@ -66,7 +66,7 @@ def foreseen(run: NullObserver, experiments: Sequence[Experiment]) -> Foreseen |
         for h in HORIZONS:
             if 1 < h <= LONGEST * shortest:
                 found = (
-                    _stretches(null, model, experiment, x0, run.gain, h)
+                    _stretches(run, model, experiment, x0, h)
                     for experiment, x0 in zip(experiments, followed.starts, strict=True)
                 )
                 errors[h] = np.concatenate(list(found))
@@ -121,7 +121,7 @@ def _followed(run: NullObserver, experiments: Sequence[Experiment]) -> _Followed
     for experiment in experiments:
         try:
             starts.append(_initial_state(run.null, model, experiment, run.gain, run.root))
-            errors.append(_stretches(run.null, model, experiment, starts[-1], run.gain, 1))
+            errors.append(_stretches(run, model, experiment, starts[-1], 1))
         except IntegrationError:
             return None
     return _Followed(run, tuple(starts), np.concatenate(errors))
@@ -438,7 +438,7 @@ def _share_at_end(slopes: np.ndarray) -> float:
 
 
 def _stretches(
-    null: Null, model: Integrator, experiment: Experiment, x0: np.ndarray, gain: np.ndarray, horizon: int
+    run: NullObserver, model: Integrator, experiment: Experiment, x0: np.ndarray, horizon: int
 ) -> np.ndarray:
     """Errors (n_stretches, length, n_y) over `horizon` samples without the data, between stretches in which
     the observer follows them."""
@@ -446,14 +446,15 @@ def _stretches(
     follows = TAKES_UP if horizon > 1 else 0
     round_length = follows + horizon
     is_left = np.arange(n) % round_length >= follows
-    gains = np.broadcast_to(gain, (n, *gain.shape))
+    gains = np.broadcast_to(run.gain, (n, *run.gain.shape))
     if horizon > 1:
         gains = np.where(is_left[:, None, None], 0.0, gains)
-    run = integrate(
-        model, experiment.time, experiment.inputs, null.theta, x0, hold=null.hold,
-        correction=Correction(experiment.outputs, np.ascontiguousarray(gains)), rtol=RTOL,
+    made = integrate(
+        model, experiment.time, experiment.inputs, run.null.theta, x0, hold=run.null.hold,
+        correction=Correction(experiment.outputs, np.ascontiguousarray(gains)),
+        rtol=RTOL, atol_of_scale=ATOL_OF_SCALE, state_scale=run.sizes,
     )  # fmt: skip
-    errors = experiment.outputs - run.outputs
+    errors = experiment.outputs - made.outputs
     if horizon == 1:  # in batches, so that a stretch is a stretch
         round_length, is_left = TAKES_UP, np.ones(n, dtype=bool)
     first = round_length if n > 4 * round_length else 0  # the observer settles

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from daest.errors import EstimationError
 from daest.estimation.coordinates import log_likelihood
 from daest.estimation.ekf_likelihood import identify_by_ekf
@@ -60,11 +62,15 @@ def identify(
 
 
 def searched(
-    family: StateSpaceFamily, experiments: Sequence[Experiment], options: IdentifyOptions
+    family: StateSpaceFamily,
+    experiments: Sequence[Experiment],
+    options: IdentifyOptions,
+    least: float = -np.inf,
 ) -> tuple[float, dict[str, float]]:
     """The log-likelihood and all parameters at the end of the search of `identify` for a linear model: no
-    uncertainty, no agreement. Raises as `identify`."""
-    setup = setup_of(family, experiments, (), options)
+    uncertainty, no agreement. The search ends early where it will not come to the log-likelihood `least`.
+    Raises as `identify`."""
+    setup = replace(setup_of(family, experiments, (), options), least=least)
     ends = linear_ends(family, setup, silent)
     unknowns, best = ends.problem.unknowns, ends.found[0]
     theta = unknowns.values(best.z)[0]

@@ -25,7 +25,7 @@ from daest.estimation.noise_levels import (
     with_gain,
     without_family,
 )
-from daest.estimation.nonlinear_result import NonlinearEnds
+from daest.estimation.nonlinear_result import AGREEMENT_ITERATIONS, NonlinearEnds
 from daest.estimation.nonlinear_search import best_ends, is_coloured, search_of
 from daest.estimation.nonlinear_start import (
     check_nonlinear_start,
@@ -122,19 +122,30 @@ class Refit:
     fit: FitResult
     ends: NonlinearEnds
 
-    def simulated(self, validation: Sequence[Experiment] = ()) -> FitResult:
-        """The fit with its agreement in simulation."""
-        return replace(self.fit, simulated=self._agreements(validation, with_gain=False))
+    def simulated(
+        self, validation: Sequence[Experiment] = (), iterations: int = AGREEMENT_ITERATIONS
+    ) -> FitResult:
+        """The fit with its agreement in simulation, from initial states that are searched in so many
+        `iterations`."""
+        found = self._agreements(validation, with_gain=False, iterations=iterations)
+        return replace(self.fit, simulated=found)
 
     def judged(self, validation: Sequence[Experiment] = ()) -> FitResult:
         """The fit with its agreement in simulation and in predictions of one step."""
         return replace(self.simulated(validation), one_step=self._agreements(validation, with_gain=True))
 
-    def _agreements(self, validation: Sequence[Experiment], *, with_gain: bool) -> dict[str, Agreement]:
-        found = {"estimation": self.ends.agreement(None, with_gain=with_gain)}
-        if validation:
-            found["validation"] = self.ends.agreement(tuple(validation), with_gain=with_gain)
-        return found
+    def _agreements(
+        self,
+        validation: Sequence[Experiment],
+        *,
+        with_gain: bool,
+        iterations: int = AGREEMENT_ITERATIONS,
+    ) -> dict[str, Agreement]:
+        parts = {"estimation": None} | ({"validation": tuple(validation)} if validation else {})
+        return {
+            name: self.ends.agreement(part, with_gain=with_gain, iterations=iterations)
+            for name, part in parts.items()
+        }
 
 
 def search_on(
@@ -166,8 +177,9 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
     options = setup.options
     names = problem.model.explicit.state_names
     x0 = [np.array([state.get(name, 0.0) for name in names]) for state in warm.initial_states]
+    problem = replace(problem, rtol=WARM_RTOL)
     problem, z = scaled(problem, np.concatenate([problem.unknowns.start, *x0]))
-    problem = replace(problem, rtol=WARM_RTOL, atol_of_scale=WARM_ATOL_OF_SCALE)
+    problem = replace(problem, atol_of_scale=WARM_ATOL_OF_SCALE)
     average = average_along(problem, z)
     ends: list[Ending] = []
     for share in warm.shares:
@@ -182,8 +194,9 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
     best = min(ends, key=lambda e: e.found.evaluation.value)
     if warm.is_rough:
         return best
-    is_hopeful = -best.found.evaluation.value > warm.hopeless
-    for number in range(WARM_ROUNDS if is_hopeful else 0):
+    if -best.found.evaluation.value < warm.hopeless:
+        return _with_own_gain(setup, best, warm)
+    for number in range(WARM_ROUNDS):
         average = average_along(best.problem, best.found.z)
         levels = (best.levels or warm.levels) if number else _rescanned(setup, best, warm)
         end = _together(setup, problem, best.found.z, levels, average, options.max_iterations, FIT.warm_gain)
@@ -193,9 +206,8 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
         best = end
         if gain < FIT.refit_round_gain:
             break
-    if -best.found.evaluation.value >= warm.hopeless:
-        search = search_of(best.problem, z, options.max_iterations, FIT.warm_gain)
-        best = replace(best, found=best_point(search, [best.found.z]) or best.found)
+    search = search_of(best.problem, z, options.max_iterations, FIT.warm_gain)
+    best = replace(best, found=best_point(search, [best.found.z]) or best.found)
     return _with_own_gain(setup, best, warm)
 
 
@@ -265,14 +277,20 @@ def _with_own_gain(setup: Setup, end: Ending, warm: WarmStart) -> Ending:
     family = None if average is None else free_gains(setup, average, end.levels or warm.levels)
     if family is None:
         return end
-    wide = with_family(end.problem, family)
-    start = np.concatenate([end.found.z, np.zeros(family.n_logs)])
+    unknowns = end.problem.unknowns
+    wide = with_family(end.problem.held_at(end.found.z), family)
+    states = end.found.z[len(unknowns.coordinates) :]
     lower, upper = limits(wide)
-    n = end.found.z.size
-    lower[:n] = upper[:n] = end.found.z
+    lower[: states.size] = upper[: states.size] = states
+    start = np.concatenate([states, np.zeros(family.n_logs)])
     found = minimise(objective(wide), start, lower, upper, LEVEL_ITERATIONS, FIT.warm_gain)
     if found is None:
         return end
     own = without_family(setup, wide, found)
-    evaluation = replace(end.found.evaluation, value=own.found.evaluation.value)
-    return Ending(own.problem, replace(end.found, evaluation=evaluation), own.levels)
+    value = own.found.evaluation.value + prior_penalty(unknowns, end.found.z)
+    evaluation = replace(end.found.evaluation, value=value)
+    return Ending(
+        replace(own.problem, unknowns=unknowns, holds_parameters=False),
+        replace(end.found, evaluation=evaluation),
+        own.levels,
+    )

@@ -87,8 +87,15 @@ class NonlinearEnds:
             return simulated, simulated  # without a gain, predictions are simulations
         return simulated, self.agreement(experiments, with_gain=True)
 
-    def agreement(self, experiments: tuple[Experiment, ...] | None, *, with_gain: bool) -> Agreement:
-        """From the best initial state of each experiment, parameters held."""
+    def agreement(
+        self,
+        experiments: tuple[Experiment, ...] | None,
+        *,
+        with_gain: bool,
+        iterations: int = AGREEMENT_ITERATIONS,
+    ) -> Agreement:
+        """From the best initial state of each experiment, parameters held, which is searched in so many
+        `iterations` over whole recordings."""
         end, problem = self.best, self.best.problem
         names = [o.name for o in problem.model.explicit.flat.outputs]
         is_fitted, experiments = experiments is None, experiments or problem.experiments
@@ -110,8 +117,8 @@ class NonlinearEnds:
                 names_at_rest = np.isin(problem.model.explicit.state_names, self.at_rest)
                 rests = np.tile(names_at_rest, len(experiments))
                 lower, upper, z = (np.where(rests, 0.0, part) for part in (lower, upper, z))
-            z = fit_initial_states(problem, z, lower, upper)
-        found = minimise(objective(problem), z, lower, upper, AGREEMENT_ITERATIONS, FIT.agreement_gain)
+            z = fit_initial_states(problem, z, lower, upper, FIT.agreement_gain)
+        found = minimise(objective(problem), z, lower, upper, iterations, FIT.agreement_gain)
         errors = None if found is None else prediction_errors(problem, found.z)
         return agreement_of(names, measured, None if errors is None else errors.errors)
 

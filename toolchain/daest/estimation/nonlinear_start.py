@@ -98,9 +98,14 @@ def scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem
 
 
 def fit_initial_states(
-    problem: TrajectoryProblem, z: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    problem: TrajectoryProblem,
+    z: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    enough: float = FIT.converged_gain,
 ) -> np.ndarray:
-    """z with the initial states within bounds that fit the first samples best, parameters held.
+    """z with the initial states within bounds that fit the first samples best, parameters held: each search
+    ends where a step would gain less than `enough` in log-likelihood.
 
     They are looked for at once and over windows that grow. Over a long one the start of an arm that turns
     over may end whole turns away from what was measured: over a short one it cannot. Shapes: z, lower and
@@ -111,7 +116,7 @@ def fit_initial_states(
     def found_over(length: int, states: np.ndarray) -> Found | None:
         heads = tuple(part_of(e, 0, length) for e in problem.experiments)
         short = replace(problem, experiments=heads).held_at(z)
-        return minimise(objective(short), states, lower[n:], upper[n:], INITIAL_ITERATIONS)
+        return minimise(objective(short), states, lower[n:], upper[n:], INITIAL_ITERATIONS, enough)
 
     longest = max(e.n_samples for e in problem.experiments)
     states = z[n:]

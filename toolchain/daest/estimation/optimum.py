@@ -35,7 +35,7 @@ NEAR_ITERATIONS = 5  # of a search, after which it is asked whether it leads to 
 @dataclass(frozen=True)
 class Search:
     """What is searched: `objective` over z, whose first coordinates are `unknowns`, within `lower` and
-    `upper`. The user's start is `home`."""
+    `upper`. The user's start is `home`. A search ends where it will not come down to the `goal`."""
 
     objective: Objective
     unknowns: Unknowns
@@ -46,10 +46,12 @@ class Search:
     converged_gain: float = FIT.converged_gain
     hills: int = MOST_PROBED  # parameters that are moved over the hills beside the best end
     trusts_parabola: bool = False  # no hill is looked for where the likelihood is as its parabola has it
+    goal: float = np.inf  # of the objective
 
     def minimum(self, z: np.ndarray, iterations: int | None = None, goal: float = np.inf) -> Found | None:
         """The end of a search from z (n_z,); None where the objective has no value there."""
         count = self.max_iterations if iterations is None else iterations
+        goal = min(goal, self.goal)
         return minimise(self.objective, z, self.lower, self.upper, count, self.converged_gain, goal)
 
     def better(self, found: Found, z: np.ndarray) -> np.ndarray | None:
@@ -79,7 +81,9 @@ def best_point(
             best = found
         if best is not None and not (lost(search, best) or is_doubtful(best)):
             break
-    return best if best is None or not search.hills else _beyond_hills(search, best)
+    if best is None or not search.hills or best.evaluation.value > search.goal:
+        return best
+    return _beyond_hills(search, best)
 
 
 def _beyond_hills(search: Search, best: Found) -> Found:
@@ -218,8 +222,10 @@ def _settled(search: Search, z: np.ndarray) -> Found | None:
     if found is None:
         return None
     iterations = found.iterations
-    # A search at its limit is not doubted: it would not be taken up again.
-    better = _better(search, found) if iterations < search.max_iterations else None
+    # A search at its limit is not doubted: it would not be taken up again. One that will not come to its goal
+    # is of no use.
+    is_useful = iterations < search.max_iterations and found.evaluation.value <= search.goal
+    better = _better(search, found) if is_useful else None
     for _ in range(ROUNDS):
         if better is None or iterations >= search.max_iterations:
             break

@@ -8,7 +8,9 @@ with the parameters.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +24,8 @@ from daest.model.holds import Hold
 from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, interval_inputs
 from daest.systems.integration import IntegrationError
 from daest.systems.tolerances import SOLVER
+
+MOST_KEPT = 4  # trajectories
 
 
 @dataclass(frozen=True)
@@ -153,8 +157,10 @@ def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = Fa
     result = []
     for experiment, x0 in zip(problem.experiments, problem.initial_states(z), strict=True):
         correction = None if gain is None else Correction(experiment.outputs, gain, gain_slopes)
-        result.append(
-            integrate(
+        key = _key(problem, theta, x0, gain)
+        made = None if with_slopes else _known(problem, experiment, key)
+        if made is None:
+            made = integrate(
                 problem.model,
                 experiment.time,
                 experiment.inputs,
@@ -168,8 +174,47 @@ def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = Fa
                 atol_of_scale=problem.atol_of_scale,
                 state_scale=problem.state_scale,
             )
-        )
+            _kept.append(_Kept(_engine(problem), experiment, key, _without_slopes(made)))
+        result.append(made)
     return result
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """A trajectory without its sensitivities: the point at which a search ends is asked for again by what
+    judges it."""
+
+    engine: Any
+    experiment: Experiment
+    key: tuple
+    trajectory: Trajectory
+
+
+_kept: deque[_Kept] = deque(maxlen=MOST_KEPT)
+
+
+def _engine(problem: TrajectoryProblem) -> Any:
+    """What integrates: the compiled code, which several integrators may share, or the integrator itself."""
+    return getattr(problem.model, "library", None) or problem.model
+
+
+def _key(problem: TrajectoryProblem, theta: np.ndarray, x0: np.ndarray, gain: np.ndarray | None) -> tuple:
+    arrays = (theta, x0, problem.state_scale)
+    given = None if gain is None else gain.tobytes()
+    return problem.hold, problem.rtol, problem.atol_of_scale, given, *(a.tobytes() for a in arrays)
+
+
+def _known(problem: TrajectoryProblem, experiment: Experiment, key: tuple) -> Trajectory | None:
+    """The same run, if it is one of the last ones."""
+    engine = _engine(problem)
+    for one in tuple(_kept):
+        if one.key == key and one.engine is engine and one.experiment is experiment:
+            return one.trajectory
+    return None
+
+
+def _without_slopes(made: Trajectory) -> Trajectory:
+    return replace(made, sensitivities=made.sensitivities[:, :, :0].copy())
 
 
 def _covariance(problem: TrajectoryProblem, errors: tuple[np.ndarray, ...]) -> np.ndarray:

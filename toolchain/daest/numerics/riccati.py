@@ -23,6 +23,7 @@ from typing import TypeVar
 
 import numpy as np
 import scipy.linalg
+from scipy.linalg.lapack import dgetrf, dgetrs
 
 from daest.numerics.exponential import balanced
 from daest.numerics.kalman_pass import StepMatrices, kalman_steps
@@ -33,27 +34,35 @@ DOUBLINGS = 60  # rounds; 2^60 steps of the recursion
 REFINEMENTS = 3  # Newton steps after the Schur solution
 Result = TypeVar("Result")
 REMEMBERED_ROWS = (
-    100  # of the first argument from which on results are kept: below, computing costs as little
+    100  # of the first argument from which on results are kept: below, computing costs as little, ...
 )
+FEWEST_ROWS = 2  # ... but for what a search over noise levels asks for again and again
 REMEMBERED_RESULTS = 4  # of each function
 
 
-def remembered(function: Callable[..., Result]) -> Callable[..., Result]:
-    """The function of arrays, with its latest results for large ones; callers do not write into them."""
-    known: OrderedDict[bytes, Result] = OrderedDict()
+def remembered(
+    fewest_rows: int,
+) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
+    """The function of arrays, with its latest results where the first one has at least so many rows; callers
+    do not write into them."""
 
-    @wraps(function)
-    def asked(*arrays: np.ndarray) -> Result:
-        if arrays[0].shape[0] < REMEMBERED_ROWS:
-            return function(*arrays)
-        key = _digest(arrays)
-        if key not in known:
-            known[key] = function(*arrays)
-            while len(known) > REMEMBERED_RESULTS:
-                known.popitem(last=False)
-        return known[key]
+    def remembering(function: Callable[..., Result]) -> Callable[..., Result]:
+        known: OrderedDict[bytes, Result] = OrderedDict()
 
-    return asked
+        @wraps(function)
+        def asked(*arrays: np.ndarray) -> Result:
+            if arrays[0].shape[0] < fewest_rows:
+                return function(*arrays)
+            key = _digest(arrays)
+            if key not in known:
+                known[key] = function(*arrays)
+                while len(known) > REMEMBERED_RESULTS:
+                    known.popitem(last=False)
+            return known[key]
+
+        return asked
+
+    return remembering
 
 
 def _digest(arrays: tuple[np.ndarray, ...]) -> bytes:
@@ -64,7 +73,7 @@ def _digest(arrays: tuple[np.ndarray, ...]) -> bytes:
     return code.digest()
 
 
-@remembered
+@remembered(REMEMBERED_ROWS)
 def filter_riccati(
     Phi: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, S12: np.ndarray
 ) -> np.ndarray | None:
@@ -99,14 +108,14 @@ def predictor_gain(
     return np.swapaxes(K, -1, -2), S
 
 
-@remembered
+@remembered(REMEMBERED_ROWS)
 def is_stable(F: np.ndarray) -> bool:
     """Whether all eigenvalues of a transition matrix lie within the unit circle, by `STABILITY_MARGIN`.
     Shapes: F (n, n)."""
     return F.size == 0 or float(np.max(np.abs(np.linalg.eigvals(F)))) < 1.0 - STABILITY_MARGIN
 
 
-@remembered
+@remembered(FEWEST_ROWS)
 def unobservable_subspace(Phi: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Observable row space (r, n) and unobservable subspace (n, n - r) of (C, Φ), in units of the states.
 
@@ -158,11 +167,11 @@ def _doubled(
     A, G, H = (Phi - S12 @ C).T, C.T @ C, Q - S12 @ S12.T
     for _ in range(DOUBLINGS):
         W = np.eye(A.shape[0]) + G @ H
-        factors = scipy.linalg.lu_factor(W, check_finite=False)
-        if np.any(np.diagonal(factors[0]) == 0.0):
+        factors, pivots, status = dgetrf(W)
+        if status:
             return None
-        forward = scipy.linalg.lu_solve(factors, A, check_finite=False)
-        backward = scipy.linalg.lu_solve(factors, A.T, trans=1, check_finite=False).T
+        forward = dgetrs(factors, pivots, A)[0]
+        backward = dgetrs(factors, pivots, A.T, trans=1)[0].T
         change = forward.T @ H @ A
         G = G + backward @ G @ A.T
         A, G, H = A @ forward, (G + G.T) / 2, H + (change + change.T) / 2
