@@ -849,7 +849,7 @@ def _found_again(search: _Search, prepared: Prepared, best: Proof) -> Proof:
         return best
     try:
         end = _searched(search, again)
-        if end.refit.fit.log_likelihood < least_hope(search.leader):
+        if end.refit.fit.log_likelihood < least_hope(search.leader, again.trial.candidate):
             return best  # it would be judged in brief
         unseen = fed(stand.validation, prepared.trial.candidate)
         if not may_be_likelier(stand.null, end, best, unseen, stand.reference):
