@@ -9,7 +9,7 @@ full stays as it is, and is for the compiler to refuse: it takes no Complex numb
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from daest.modelica import syntax as s
@@ -661,23 +661,21 @@ def _is_real(type_name: str, around: _Class) -> bool:
     return around.classes.meant(type_name) in ("Real", "Integer", "Boolean")
 
 
-def _holds_complex(around: _Class, node: Any) -> bool:
+def _holds_complex(around: _Class, tree: Any) -> bool:
     """Whether a Complex reference or constructor stands somewhere in an expression."""
-    if isinstance(node, tuple):
-        return any(_holds_complex(around, one) for one in node)
-    if not is_dataclass(node) or isinstance(node, s.Span):
-        return False
+    return any(_is_complex(around, node) for node in s.nodes(tree))
+
+
+def _is_complex(around: _Class, node: Any) -> bool:
     if isinstance(node, s.Name | s.Field | s.Index):
         try:
-            if around.kind(around.path(node))[0] == COMPLEX:
-                return True
+            return bool(around.kind(around.path(node))[0] == COMPLEX)
         except _Unclear:
-            pass
-    if isinstance(node, s.Call):
-        full = around.full_function(node.function)
-        if full == COMPLEX or full.startswith(MATH + "."):
-            return True
-    return any(_holds_complex(around, getattr(node, one.name)) for one in fields(node))
+            return False
+    if not isinstance(node, s.Call):
+        return False
+    full = around.full_function(node.function)
+    return full == COMPLEX or full.startswith(MATH + ".")
 
 
 def _renamed(node: Any, indices: Mapping[str, str]) -> Any:

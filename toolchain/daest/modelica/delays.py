@@ -39,14 +39,9 @@ def without_delays(source: s.FlatSource) -> s.FlatSource:
     return _Delays(source).translated() if _delays(parts) else source
 
 
-def _delays(node: object) -> bool:
+def _delays(tree: object) -> bool:
     """Whether a delay occurs in a tree."""
-    if isinstance(node, s.Call) and node.builtin and node.function == "delay":
-        return True
-    if isinstance(node, tuple):
-        return any(map(_delays, node))
-    fields = getattr(type(node), "__dataclass_fields__", None)
-    return fields is not None and any(_delays(getattr(node, key)) for key in fields if key != "span")
+    return any(isinstance(one, s.Call) and one.builtin and one.function == "delay" for one in s.nodes(tree))
 
 
 class _Delays:

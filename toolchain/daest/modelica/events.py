@@ -39,15 +39,11 @@ def has_events(source: s.FlatSource) -> bool:
     return _remembers((parts, bindings))
 
 
-def _remembers(node: object) -> bool:
-    if isinstance(node, s.When):
-        return True
-    if isinstance(node, s.Call) and node.builtin and node.function in EVENTFUL:
-        return True
-    if isinstance(node, tuple):
-        return any(_remembers(part) for part in node)
-    fields = getattr(type(node), "__dataclass_fields__", None)
-    return fields is not None and any(_remembers(getattr(node, key)) for key in fields if key != "span")
+def _remembers(tree: object) -> bool:
+    return any(
+        isinstance(one, s.When) or (isinstance(one, s.Call) and one.builtin and one.function in EVENTFUL)
+        for one in s.nodes(tree)
+    )
 
 
 def event_targets(source: s.FlatSource) -> frozenset[str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 
 from daest.modelica import syntax as s
 from daest.modelica.outline import Token, class_heads, tokens
@@ -117,16 +117,9 @@ def read_function(found: FunctionText, text: bytes, source: int) -> s.Function:
     return with_body(empty, found, text, source)
 
 
-def called_functions(node: object) -> Iterator[str]:
+def called_functions(tree: object) -> Iterator[str]:
     """Names of the functions that statements or expressions call."""
-    if isinstance(node, s.Call) and not node.builtin:
-        yield node.function
-    if isinstance(node, tuple):
-        for part in node:
-            yield from called_functions(part)
-    elif is_dataclass(node) and not isinstance(node, s.Span):
-        for one in fields(node):
-            yield from called_functions(getattr(node, one.name))
+    return (one.function for one in s.nodes(tree) if isinstance(one, s.Call) and not one.builtin)
 
 
 class _Declarations(Parser):

@@ -189,13 +189,8 @@ def _asked_once(source: s.FlatSource, parameters: Container[str]) -> list[str]:
     return found
 
 
-def _calls_function(node: object) -> bool:
-    if isinstance(node, s.Call) and not node.builtin:
-        return True
-    if isinstance(node, tuple):
-        return any(_calls_function(part) for part in node)
-    fields = getattr(type(node), "__dataclass_fields__", None)
-    return fields is not None and any(_calls_function(getattr(node, key)) for key in fields if key != "span")
+def _calls_function(tree: object) -> bool:
+    return any(isinstance(one, s.Call) and not one.builtin for one in s.nodes(tree))
 
 
 def _is_object(variable: s.FlatVariable) -> bool:
@@ -217,16 +212,9 @@ def _grids(source: s.FlatSource) -> frozenset[str]:
     return frozenset(found)
 
 
-def referenced_names(node: object) -> list[str]:
+def referenced_names(tree: object) -> list[str]:
     """All names that occur in a tree."""
-    if isinstance(node, s.Name):
-        return [node.name, *(n for sub in node.subscripts for n in referenced_names(sub))]
-    if isinstance(node, tuple):
-        return [name for part in node for name in referenced_names(part)]
-    fields = getattr(type(node), "__dataclass_fields__", None)
-    if fields is None:
-        return []
-    return [name for key in fields if key != "span" for name in referenced_names(getattr(node, key))]
+    return [one.name for one in s.nodes(tree) if isinstance(one, s.Name)]
 
 
 def _symbolic(

@@ -6,7 +6,7 @@ These are plain values. `adapter` makes them from the compiler's output, `parse`
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, Literal
 
@@ -323,6 +323,19 @@ class FlatSource:
     texts: dict[int, tuple[str, bytes]] = field(default_factory=dict)  # source number -> file name, text
     own: tuple[int, ...] = ()  # the number of the file that was asked for
     folders: Folders = field(default_factory=Folders)  # where files with tables are looked for
+
+
+def nodes(tree: object) -> Iterator[Any]:
+    """All nodes, statements and declarations of a tree, or of a tuple of trees, the outer ones first, in the
+    order of the text."""
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, tuple):
+            waiting += reversed(node)
+        elif is_dataclass(node) and not isinstance(node, Span):
+            yield node
+            waiting += [getattr(node, one.name) for one in reversed(fields(node))]
 
 
 def rebuilt(node: Any, change: Callable[[Any], Any]) -> Any:
