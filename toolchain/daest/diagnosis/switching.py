@@ -327,7 +327,7 @@ def _remarks(case: Case) -> list[str]:
             f"Never in these recordings: {', '.join(never[:MOST_NAMED])}{more}; they say nothing of an "
             "effect that acts only then."
         )
-    held = [case.flat.unknowns[one.unknown].name for one in events.assignments if one.unknown >= 0]
+    held = [case.flat.unknowns[one.unknown].name for one in events.assignments if one.is_real]
     if held and events.samples.numel():
         said.append(
             f"A sampled controller in the model ({', '.join(held[:MOST_NAMED])}) closes the loop: it reads "

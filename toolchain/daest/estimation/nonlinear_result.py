@@ -171,7 +171,7 @@ def _unseen(average: AverageModel, explicit: Dynamics) -> tuple[str, ...]:
     """What no output sees. What events assign is left out: it does not evolve as A says."""
     flat, names = explicit.flat, explicit.state_names
     changed = () if flat.events is None else flat.events.assignments
-    assigned = {flat.unknowns[one.unknown].name for one in changed if one.unknown >= 0}
+    assigned = {flat.unknowns[one.unknown].name for one in changed if one.is_real}
     own = [i for i, name in enumerate(names) if name not in assigned]
     kept = tuple(names[i] for i in own)
     return unseen_directions(average.A[np.ix_(own, own)], average.C[:, own], average.period, kept)

@@ -165,7 +165,7 @@ def _event_tables(layout: Layout, events: Events, state_start: np.ndarray) -> li
     ubar = np.zeros(n_ubar)
     ubar[: len(layout.flat.inputs)] = [v.start or 0.0 for v in layout.flat.inputs]
     start = EventUpdate(functions, state_start, mode, ubar, 0.0)
-    moved = [start.state_behind(one.unknown) if one.unknown >= 0 else (0, 1.0) for one in events.assignments]
+    moved = [start.state_behind(one.unknown) if one.is_real else (0, 1.0) for one in events.assignments]
     restarted = [start.state_behind(one.unknown) for one in events.restarts]
     n = len(events.activations)
     before = [int(j in one.before) for one in events.activations for j in range(n)]

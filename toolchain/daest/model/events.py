@@ -54,6 +54,11 @@ class Assignment:
     slot: int
     unknown: int
 
+    @property
+    def is_real(self) -> bool:
+        """Whether it is an unknown, which keeps its value between events."""
+        return self.unknown >= 0
+
 
 @dataclass(frozen=True)
 class Memory:

@@ -243,7 +243,7 @@ class EventUpdate:
             held = [
                 (one.unknown, value)
                 for one, value in zip(events.assignments, point.assigned, strict=True)
-                if one.unknown >= 0
+                if one.is_real
             ]
             moved = self._with_variables(held)
             is_settled = np.array_equal(theta, mode.theta, equal_nan=True)
@@ -322,7 +322,7 @@ class EventUpdate:
     def _follow_assigned(self) -> None:
         """Real variables that the event assigns; one may follow from another."""
         assignments = self.functions.events.assignments
-        rows = [i for i, one in enumerate(assignments) if one.unknown >= 0]
+        rows = [i for i, one in enumerate(assignments) if one.is_real]
         if self.slopes is None or not rows:
             return
         behind = [self.state_behind(assignments[i].unknown) for i in rows]
