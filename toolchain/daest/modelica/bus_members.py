@@ -9,7 +9,7 @@ are connected, each gets the members of the other. No line moves.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from daest.modelica.components import Classes, ClassText
@@ -25,21 +25,36 @@ def bus_members(classes: Classes, texts: Iterable[bytes]) -> Members:
     """The members that connections in the `texts`, of which `classes` knows the classes, give to the
     expandable connectors that these declare."""
     texts = list(texts)
-    search = _Search(classes, frozenset(name for text in texts for name in expandable_connectors(text)))
-    if search.expandable:
-        for head in (head for text in texts for head in class_heads(text)):
-            found = classes.get(head.name)
-            if found is not None:
-                search.read(found)
+    expandable = frozenset(name for text in texts for name in expandable_connectors(text))
+    names = _names_of(texts, expandable)
+    search = _Search(classes, expandable, names)
+    for head in (head for text in texts if _connects(text, names) for head in class_heads(text)):
+        found = classes.get(head.name)
+        if found is not None:
+            search.read(found)
     return search.shared()
+
+
+def _names_of(texts: list[bytes], expandable: frozenset[str]) -> frozenset[str]:
+    """The names of components that may be such connectors, by the last part of their types."""
+    if not expandable:
+        return frozenset()
+    types = b"|".join({name.rpartition(".")[2].encode() for name in expandable})
+    declared = re.compile(rb"\b(?:" + types + rb")\s+([A-Za-z_]\w*)")
+    return frozenset(name.decode() for text in texts for name in declared.findall(text))
+
+
+def _connects(text: bytes, names: frozenset[str]) -> bool:
+    """Whether one of the names stands in a connect clause of the text."""
+    some = b"|".join(name.encode() for name in names)
+    return bool(names) and re.search(rb"\bconnect\s*\([^;]*\b(?:" + some + rb")\b", text) is not None
 
 
 def expandable_connectors(text: bytes) -> dict[str, int]:
     """Full names of the expandable connectors of a text, and where declarations may be added to each."""
-    by_start = {head.start: head.name for head in class_heads(text)}
-    found = {by_start.get(match.start(1), ""): match.end() for match in _HEAD.finditer(text)}
-    found.pop("", None)
-    return found
+    matches = list(_HEAD.finditer(text))
+    by_start = {head.start: head.name for head in class_heads(text)} if matches else {}
+    return {by_start[match.start(1)]: match.end() for match in matches if match.start(1) in by_start}
 
 
 def with_members(text: bytes, members: Members) -> bytes:
@@ -55,16 +70,21 @@ def with_members(text: bytes, members: Members) -> bytes:
 
 @dataclass
 class _Search:
-    """What the connections of classes ask of expandable connectors."""
+    """What the connections of classes ask of expandable connectors; `names` are those of components that may
+    be one."""
 
     classes: Classes
     expandable: frozenset[str]
+    names: frozenset[str]
     members: Members = field(default_factory=dict)
     pairs: list[tuple[str, str]] = field(default_factory=list)
 
     def read(self, around: ClassText) -> None:
         for clause in connect_clauses(around.words):
-            sides = [self._side(argument, around.name) for argument in (clause.left, clause.right)]
+            paths = [_path(clause.left), _path(clause.right)]
+            if self.names.isdisjoint((*paths[0], *paths[1])):
+                continue
+            sides = [self._side(path, around.name) for path in paths]
             ends = [one for one in sides if one is not None]
             if len(ends) != 2:
                 continue
@@ -76,10 +96,9 @@ class _Search:
             if kinds[0] != kinds[1] and {*kinds} <= self.expandable:
                 self.pairs.append((kinds[0], kinds[1]))
 
-    def _side(self, argument: str, scope: str) -> tuple[str, str, str] | None:
+    def _side(self, path: Sequence[str], scope: str) -> tuple[str, str, str] | None:
         """Of `a.b.c` the class of a.b, the name c and its class, empty where a.b has no such component; None
         where the path leads nowhere before that."""
-        path = _path(argument)
         before, kind = "", scope
         for i, name in enumerate(path):
             one = self.classes.component(name, kind)
