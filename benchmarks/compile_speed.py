@@ -75,7 +75,7 @@ for run in ("first", "again"):
 else:
     began = time.perf_counter()
     try:
-        model.simulate(t_end=1.0)
+        model.simulate(1.0)
         told["simulate"] = time.perf_counter() - began
     except Exception as problem:
         told["refused"] = type(problem).__name__

@@ -53,6 +53,7 @@ def test_csv_and_matlab(tmp_path):
         ("a.txt", TEXT, "there is no table `speed`", "torque, map"),
         ("a.txt", "", "there is no table `speed`", "begins with"),
         ("a.txt", "double speed(2,2)\n1 2\n3", "has 3 numbers for 2 x 2", "size"),
+        ("a.txt", "double speed(2,2)\n1 2\n3\nfloat b(1,1)\n4\n", "has 3 numbers for 2 x 2", "size"),
         ("a.txt", "double speed(2,2)\n1 2\n3 x\n", "line 3: could not convert", "numbers"),
         ("a.txt", "double speed(1,2)\n1 nan\n", "no numbers", "gaps"),
         ("a.csv", "a,b\n1,2\n", "could not convert", "nHeaderLines"),

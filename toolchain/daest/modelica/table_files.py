@@ -79,7 +79,8 @@ def read_table(file: Path, name: str, delimiter: str = ",", n_header_lines: int 
 def _of_text(file: Path, name: str) -> np.ndarray:
     """`double name(rows, columns)` and as many numbers behind it; what follows # is a comment."""
     text = file.read_bytes().decode("utf-8", errors="replace")
-    heads = {head[1]: head for head in _HEADER.finditer(text)}
+    found = list(_HEADER.finditer(text))
+    heads = {head[1]: head for head in found}
     if name not in heads:
         listed = (
             f"It has: {', '.join(heads)}." if heads else "A table begins with: double NAME(ROWS, COLUMNS)"
@@ -88,7 +89,8 @@ def _of_text(file: Path, name: str) -> np.ndarray:
     head = heads[name]
     shape = int(head[2]), int(head[3])
     line = text.count("\n", 0, head.end()) + 1
-    _, _, behind = text[head.end() :].partition("\n")
+    end = min((one.start() for one in found if one.start() > head.start()), default=len(text))
+    _, _, behind = text[head.end() : end].partition("\n")
     numbers: list[float] = []
     try:
         for words in _values(behind):
