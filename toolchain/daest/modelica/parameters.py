@@ -315,13 +315,35 @@ def with_settled_parameters(source: s.FlatSource) -> s.FlatSource:
             if _binds(left, right, loose, parameters) and _name(left) not in bindings:
                 bindings[_name(left)] = right
                 used.add(id(equation))
+    settled = frozenset(loose) - set(bindings)
+    following = _following(source, settled)
     return replace(
         source,
-        variables=tuple(_settled(x, bindings) if x.name in loose else x for x in source.variables),
+        variables=tuple(
+            _settled(x, bindings)
+            if x.name in loose
+            else replace(x, variability="continuous", fixed=(), start=None)
+            if x.name in following
+            else x
+            for x in source.variables
+        ),
         equations=(*source.equations, *(_kept(x) for x in loose.values() if x.name not in bindings)),
         initial_equations=tuple(e for e in source.initial_equations if id(e) not in used),
-        settled=frozenset(loose) - set(bindings),
+        settled=settled,
     )
+
+
+def _following(source: s.FlatSource, settled: frozenset[str]) -> frozenset[str]:
+    """Real parameters whose bindings follow from those that the start settles: they are variables as well."""
+    known = set(settled)
+    bound = {
+        x.name: set(referenced_names(x.binding))
+        for x in source.variables
+        if settled and is_parameter(x) and x.binding is not None and not x.is_discrete
+    }
+    while found := {name for name, used in bound.items() if used & known and name not in known}:
+        known |= found
+    return frozenset(known - settled)
 
 
 def _computed(
