@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from daest.modelica.components import Classes, ClassText
-from daest.modelica.outline import class_heads, connect_clauses
+from daest.modelica.outline import Edit, class_heads, connect_clauses, edited
 
 _HEAD = re.compile(rb'\bexpandable\s+connector\s+([A-Za-z_]\w*)\s*("(?:[^"\\]|\\.)*")?')
 _SIGNALS = ("Real", "Integer", "Boolean", "String")
@@ -59,13 +59,17 @@ def expandable_connectors(text: bytes) -> dict[str, int]:
 
 def with_members(text: bytes, members: Members) -> bytes:
     """The text with the members of its connectors declared behind their heads."""
-    ends = sorted(
-        ((end, members.get(name, {})) for name, end in expandable_connectors(text).items()), reverse=True
+    return edited(
+        text,
+        (
+            Edit(
+                end,
+                end,
+                "".join(f" {kind} {member};" for member, kind in sorted(members.get(name, {}).items())),
+            )
+            for name, end in expandable_connectors(text).items()
+        ),
     )
-    for end, own in ends:
-        added = "".join(f" {kind} {name};" for name, kind in sorted(own.items()))
-        text = text[:end] + added.encode() + text[end:]
-    return text
 
 
 @dataclass

@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 
 from daest.modelica.components import Classes
-from daest.modelica.outline import class_heads
+from daest.modelica.outline import Edit, class_heads, edited
 
 _BEHIND = re.compile(rb'[A-Za-z_]\w*(?:\s*"(?:[^"\\]|\\.)*")?')
 _MOST_BASES = 30  # behind each other
@@ -33,10 +33,9 @@ def _components(classes: Classes, name: str, steps: int = 0) -> set[str]:
 
 def with_bases(text: bytes, bases: Mapping[str, str]) -> bytes:
     """The text in which each class of it that `bases` names extends another class, by full names."""
-    heads = [head for head in class_heads(text) if head.name in bases] if bases else []
-    for head in sorted(heads, key=lambda one: -one.start):
+    edits = []
+    for head in (head for head in class_heads(text) if head.name in bases) if bases else ():
         behind = _BEHIND.match(text, head.start)
         assert behind is not None
-        added = f" extends .{bases[head.name]};".encode()
-        text = text[: behind.end()] + added + text[behind.end() :]
-    return text
+        edits.append(Edit(behind.end(), behind.end(), f" extends .{bases[head.name]};"))
+    return edited(text, edits)
