@@ -10,6 +10,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from daest.errors import ModelError
 from daest.modelica.compile import compile_text
+from daest.modelica.dialect import adapted
 from daest.modelica.table_files import Folders, TableFileError, read_table
 from daest.systems.simulate import simulate
 
@@ -219,3 +220,14 @@ def test_a_missing_file_is_told_with_the_place_of_the_table(tmp_path):
         )
     assert caught.value.code == "model-table-file" and "no.txt does not exist" in caught.value.what
     assert caught.value.where.file.endswith("Tables.mo")
+
+
+def test_a_function_and_a_condition_of_the_user_mean_what_they_say(compiled):
+    """Names as the library has them: nothing of the user's own text is left out."""
+    text = (
+        "model M\n  function find\n    input Real x;\n    output Real y;\n  algorithm\n    y := 2*x;\n"
+        "  end find;\n  Real x = time;\n  output Real y = find(x);\nend M;"
+    )
+    assert simulate(compiled(text), (TIME, np.zeros((TIME.size, 0)))).outputs[:, 0] == pytest.approx(2 * TIME)
+    condition = b"if useFile and not Modelica.Utilities.Strings.isEmpty(fileName) then 1 else 2"
+    assert adapted(condition) == condition

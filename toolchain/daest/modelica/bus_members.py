@@ -47,7 +47,7 @@ def _names_of(texts: list[bytes], expandable: frozenset[str]) -> frozenset[str]:
 def _connects(text: bytes, names: frozenset[str]) -> bool:
     """Whether one of the names stands in a connect clause of the text."""
     some = b"|".join(name.encode() for name in names)
-    return bool(names) and re.search(rb"\bconnect\s*\([^;]*\b(?:" + some + rb")\b", text) is not None
+    return bool(names) and re.search(rb"\bconnect\s*\([^;()]*\b(?:" + some + rb")\b", text) is not None
 
 
 def expandable_connectors(text: bytes) -> dict[str, int]:
@@ -121,9 +121,9 @@ class _Search:
             for one, other in self.pairs:
                 both = {**self.members.get(one, {}), **self.members.get(other, {})}
                 for name in (one, other):
-                    own = self.classes.get(name)
-                    known = {} if own is None else own.components
-                    self.members[name] = {k: v for k, v in both.items() if k not in known}
+                    self.members[name] = {
+                        k: v for k, v in both.items() if self.classes.component(k, name) is None
+                    }
         return self.members
 
 

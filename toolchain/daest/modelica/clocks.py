@@ -462,10 +462,7 @@ def _less(node: s.Node, count: int) -> s.Node:
 def _variable(
     name: str, like: s.FlatVariable | None, is_scalar: bool, start: s.Node | None, span: s.Span | None
 ) -> s.FlatVariable:
-    base = like or s.FlatVariable(
-        name, "Real", "discrete", "local", False, False, False, False, (), None, (), None, None, None, "", "",
-        "default", None, span,
-    )  # fmt: skip
+    base = like or s.real_variable(name, span)
     return replace(
         base,
         name=name,

@@ -12,6 +12,7 @@ equations like any other, for matrices, filters and fits too, and T can be estim
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -143,7 +144,7 @@ class _Delays:
         for state, row, gain in zip(states, a, b, strict=True):
             rate = s.Binary("*", window, s.Call("der", (state,), builtin=True))
             self._add(self.equations, rate, _sum([*row, gain], [*states, signal]), origin, span)
-        self._add(self.equations, made, _sum(*self._read(states, times)), origin, span)
+        self._add(self.equations, made, self._read(states, times), origin, span)
         self._add(self.initial, states[0], signal, origin, span)
         for state in states[1:]:
             self._add(self.initial, state, s.Constant(0.0), origin, span)
@@ -154,11 +155,12 @@ class _Delays:
     ) -> None:
         rows.append(s.FlatEquation(left, right, "component", origin, span))
 
-    def _read(self, states: list[s.Name], times: list[s.Node]) -> tuple[list[Any], list[Any]]:
-        """Weights and terms whose sum is the delayed value: the states at the far end of the window, inside
-        of it times the polynomials at the share that the delay is of it, by Bonnet's recursion."""
+    def _read(self, states: list[s.Name], times: list[s.Node]) -> s.Node:
+        """The delayed value: the sum of the states at the far end of the window, inside of it each times its
+        polynomial at the share that the delay is of it, by Bonnet's recursion."""
+        alike = [1.0] * len(states)
         if len(times) == 1 or times[0] == times[1]:
-            return [1.0] * len(states), list(states)
+            return _sum(alike, states)
         share = s.Binary(
             "-", s.Binary("*", s.Constant(2.0), s.Binary("/", times[0], times[1])), s.Constant(1.0)
         )
@@ -167,8 +169,7 @@ class _Delays:
             rising = s.Binary("*", s.Binary("*", s.Constant((2 * i + 1) / (i + 1)), share), polynomials[i])
             falling = s.Binary("*", s.Constant(i / (i + 1)), polynomials[i - 1])
             polynomials.append(s.Binary("-", rising, falling))
-        products = [s.Binary("*", p, x) for p, x in zip(polynomials, states, strict=True)]
-        return [1.0] * len(states), products
+        return _sum(alike, [s.Binary("*", p, x) for p, x in zip(polynomials, states, strict=True)])
 
     def _check(self, call: s.Call, window: s.Node, span: s.Span | None) -> None:
         """Raises ModelError where the window is no positive time that follows from parameters."""
@@ -181,7 +182,8 @@ class _Delays:
                 remedy="Give the longest time as third argument, a parameter: delay(u, T, Tmax).",
             )
         seconds = number(window, 0, self.reading.numeric, self.reading.evaluator, span)
-        if not seconds or seconds < 0:
+        assert seconds is not None  # of a node
+        if not seconds > 0:
             raise ModelError(
                 "model-delay",
                 f"`{text(call)}` delays by {seconds:g} s",
@@ -206,7 +208,7 @@ def window_dynamics(n: int) -> tuple[np.ndarray, np.ndarray]:
     return a, (2 * np.arange(n) + 1) * (-1.0) ** np.arange(n)
 
 
-def _sum(weights: list[Any], terms: list[Any]) -> s.Node:
+def _sum(weights: Sequence[float], terms: Sequence[s.Node]) -> s.Node:
     made: s.Node | None = None
     for weight, term in zip(weights, terms, strict=True):
         one = term if weight == 1 else s.Binary("*", s.Constant(float(weight)), term)
@@ -220,7 +222,4 @@ def _variable(
 ) -> s.FlatVariable:
     """A continuous variable with the unit of `like`."""
     unit = like.unit if like is not None else ""
-    return s.FlatVariable(
-        name, "Real", "continuous", "local", False, False, False, False, dimensions, None, (), None, None,
-        None, unit, description, "default", None, span,
-    )  # fmt: skip
+    return replace(s.real_variable(name, span), dimensions=dimensions, unit=unit, description=description)

@@ -3,8 +3,8 @@
 Three constructs are written otherwise, everywhere in a library and in the user's file:
 
 - der(expression) becomes a call of a function of the same length, which the equations then differentiate;
-  delay(expression, time) another one, because the compiler asks for times that are no Integer and know no
-  loop;
+  delay(expression, time) becomes another one, because the compiler takes no Integer and no iterator of a
+  loop as its time;
 - an external object (a table that C code reads) becomes an Integer, and its constructor a function beside it
   whose result is multiplied by one: the compiler mistakes the size of what a function of a matrix gives where
   it is used alone.
@@ -118,10 +118,12 @@ def adapted(text: bytes) -> bytes:
     if b"ExternalObject" in text:
         text = _without_objects(text)
     text = _with_full_imports(_without_inner_bases(text.replace(_C_TABLES, _C_TABLES.upper())))
-    for name in _LOOPS_OVER_LETTERS:
-        if b"function %s" % name.encode() in text and (function := find_function(text, name)):
-            text = hidden(text, function)
-    text = _NAMED.sub(lambda match: b" " * len(match[0]), text)
+    if b"function find" in text:
+        heads = {head.name for head in class_heads(text)}
+        for name in _LOOPS_OVER_LETTERS:
+            if name in heads and (function := find_function(text, name)):
+                text = hidden(text, function)
+    text = _NAMED.sub(lambda match: match[1] + b" " * len(match[2]), text)
     if b"loadResource" in text:
         text = _LOADED.sub(lambda match: b" " * len(match[0]), text)
     if b"delay" in text:
@@ -130,14 +132,19 @@ def adapted(text: bytes) -> bytes:
 
 
 # Functions of Modelica.Utilities.Strings that tell what kind of file a table stands in.
-_LOOPS_OVER_LETTERS = ("find", "findLast")
+_LOOPS_OVER_LETTERS = ("Modelica.Utilities.Strings.find", "Modelica.Utilities.Strings.findLast")
 
-# A condition on the name of a table's file that the compiler cannot have in an argument; it is met otherwise.
-_NAMED = re.compile(rb"\band\s+not\s+Modelica\.Utilities\.Strings\.isEmpty\(fileName\)")
+# How the tables of the Standard Library name their file. The compiler cannot have the second condition in an
+# argument; a table with an empty name has no file here either way.
+_NAMED = re.compile(
+    rb'(\bfileName\s*<>\s*"NoName"\s+)(and\s+not\s+Modelica\.Utilities\.Strings\.isEmpty\(fileName\))'
+    rb'(?=\s*then\s+fileName\s+else\s+"NoName")'
+)
 
 # The call that makes a path of an URI; files are found by the URI itself.
 _LOADED = re.compile(
-    rb"(?<=[=(,])(\s*)((?:\.?Modelica\.Utilities\.Files\.|\.?ModelicaServices\.ExternalReferences\.)loadResource)(?=\s*\()"
+    rb"(?<=[=(,])\s*\.?(?:Modelica\.Utilities\.Files|ModelicaServices\.ExternalReferences)\.loadResource"
+    rb"(?=\s*\()"
 )
 
 _IMPORTED = re.compile(rb"\bimport\s+((?:[A-Za-z_]\w*\.)+([A-Za-z_]\w*))\s*;")

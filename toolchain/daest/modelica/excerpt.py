@@ -26,7 +26,7 @@ from daest.modelica.fitting import fits, with_bases
 from daest.modelica.library import BYTE_ORDER_MARK, MOST_KEPT, Roots, library_name, put_in_place, stamp
 from daest.modelica.outline import class_heads
 
-_VERSION = "29"  # of what is kept; another one throws away what is there
+_VERSION = "30"  # of what is kept; another one throws away what is there
 _STRIP = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
 _ALIAS = re.compile(
@@ -275,8 +275,9 @@ def _written(
         }
         classes = Classes(texts.get)
         members = bus_members(classes, texts.values())
-        texts = {full: with_members(text, members) for full, text in texts.items()} if members else texts
-        classes = Classes(texts.get)
+        if members:
+            texts = {full: with_members(text, members) for full, text in texts.items()}
+            classes = Classes(texts.get)
         with_complex = _with_complex(texts, libraries)
         for full in sorted(needed):
             library = libraries[full.partition(".")[0]]

@@ -18,8 +18,10 @@ _MOST_BASES = 30  # behind each other
 
 
 def fits(classes: Classes, name: str, wanted: str) -> bool:
-    """Whether class `name` has a component for each one of class `wanted`."""
-    return all(classes.component(one, name) is not None for one in _components(classes, wanted))
+    """Whether class `name` has a component for each one of class `wanted`, which is known."""
+    return classes.get(wanted) is not None and all(
+        classes.component(one, name) is not None for one in _components(classes, wanted)
+    )
 
 
 def _components(classes: Classes, name: str, steps: int = 0) -> set[str]:

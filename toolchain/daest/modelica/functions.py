@@ -51,7 +51,7 @@ class FunctionLibrary:
         last = name.rpartition(".")[2]
         if tables.is_table(name):
             return self._table(name, arguments, evaluator)
-        if name.startswith(STRINGS) and last in _OF_STRINGS:
+        if name.startswith(_STRINGS) and last in _OF_STRINGS:
             return (_OF_STRINGS[last](*arguments),)
         function = self.functions.get(name) or self._by_last_part(last)
         if function is None or function.is_external:
@@ -181,7 +181,7 @@ def _not_executable(name: str, function: s.Function | None, evaluator: Evaluator
     return evaluator.error("model-function", what, None, remedy)
 
 
-STRINGS = "Modelica.Utilities.Strings."
+_STRINGS = "Modelica.Utilities.Strings."
 
 
 def _find(

@@ -271,6 +271,14 @@ class FlatVariable:
     is_bus_member: bool = False  # of an expandable connector
 
 
+def real_variable(name: str, span: Span | None) -> FlatVariable:
+    """A scalar Real variable of which nothing else is declared."""
+    return FlatVariable(
+        name, "Real", "continuous", "local", False, False, False, False, (), None, (), None, None, None, "",
+        "", "default", None, span,
+    )  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True)
 class FlatEquation:
     """`left = right` (right None: `left = 0`), scalar or array; `origin` is the component, or the
