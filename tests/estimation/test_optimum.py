@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from daest.estimation.coordinates import Coordinate, Unknowns
-from daest.estimation.optimum import Search, best_point
+from daest.estimation.optimum import Search, best_point, scanned
 from daest.estimation.search import Evaluation
 
 ORACLES = str(Path(__file__).resolve().parents[2] / "benchmarks" / "oracles")
@@ -204,3 +204,21 @@ def test_no_fit_of_many_is_worse_than_the_truth(oracles, method):
     gains = [r["gain"] for r in results if "error" not in r]
     assert len(gains) > 20
     assert min(gains) >= -TOLERATED
+
+
+def test_scan_finds_the_deep_valley_among_many():
+    """Valleys of a wave along two parameters, on which a search from the start sees the nearest one."""
+
+    def wavy(z, slopes):
+        x, y = z - np.array([1.7, -1.9])
+        value = 100.0 * (3.0 - np.cos(4.0 * x) - np.cos(4.0 * y)) + 20.0 * (x * x + y * y)
+        gradient = np.array([400.0 * np.sin(4.0 * x) + 40.0 * x, 400.0 * np.sin(4.0 * y) + 40.0 * y])
+        return Evaluation(value, gradient, np.diag([1640.0, 1640.0]))
+
+    search = replace(two_parameters(wavy, [0.0, 0.0], 40), hills=0)
+    alone = best_point(search, [np.zeros(2)])
+    found = best_point(
+        search, [np.zeros(2)], lambda end: end.evaluation.value > 110.0, scanned(search, np.zeros(2), 0)
+    )
+    assert alone.evaluation.value > 130.0
+    assert np.allclose(found.z, [1.7, -1.9], atol=1e-3)

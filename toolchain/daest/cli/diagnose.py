@@ -222,12 +222,12 @@ def opened(
 
 def _straight(flat: Model, hold: Hold | None) -> tuple[str, ...]:
     """A remark where the model leaves no choice of the hold."""
+    from daest.systems.input_slopes import acting_slopes, slope_note
     from daest.systems.reduce import dynamics
-    from daest.systems.state_space import slope_note
 
     if hold is not None:
         return ()
-    derivatives = dynamics(flat).input_derivatives
+    derivatives = acting_slopes(dynamics(flat))
     remarks = slope_note([v.name for v in flat.inputs], [d.index for d in derivatives])
     for remark in remarks:
         note(remark)

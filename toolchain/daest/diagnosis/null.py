@@ -24,6 +24,7 @@ from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.model.holds import FOH, HOLDS, ZOH, Hold, held_inputs
 from daest.model.parts import Parameter, Prior
+from daest.systems.input_slopes import acting_slopes
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
 
@@ -215,7 +216,7 @@ def open_hold(null: Null, gain: float = 0.0) -> Hold | None:
 
 def _possible_holds(explicit: ExplicitModel) -> tuple[Hold, ...]:
     """A held input has no slope."""
-    return (FOH,) if explicit.input_derivatives else HOLDS
+    return (FOH,) if acting_slopes(explicit) else HOLDS
 
 
 def period_of(experiments: Sequence[Experiment]) -> float:

@@ -13,7 +13,7 @@ from daest.errors import EstimationError
 from daest.estimation.coordinates import log_likelihood
 from daest.estimation.ekf_likelihood import identify_by_ekf
 from daest.estimation.identify_nonlinear import identify_nonlinear
-from daest.estimation.linear_fit import linear_ends
+from daest.estimation.linear_fit import linear_ends, needed_slopes
 from daest.estimation.profile import Tell, check_profile_names, silent
 from daest.estimation.result import fit_result
 from daest.estimation.setup import Setup, check_jumps, setup_of
@@ -21,6 +21,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel, Model, events_refused
 from daest.model.linear import StateSpaceFamily
+from daest.systems.input_slopes import acting_slopes, slope_note
 from daest.systems.modes import in_starting_mode
 from daest.systems.reduce import dynamics
 from daest.systems.redundant import good_everywhere
@@ -56,7 +57,9 @@ def identify(
     check_profile_names(setup.options.profile, setup.unknowns)
     if isinstance(model, Model) and (model.events is not None or not family.is_affine):
         return _nonlinear_fit(model, setup, tell, began)
-    notes = (*([] if family.is_affine else [LINEARISED]), *setup.notes)
+    slopes = [] if setup.options.hold else needed_slopes(family, setup.unknowns)
+    straight = slope_note([v.name for v in family.inputs], slopes)
+    notes = (*([] if family.is_affine else [LINEARISED]), *straight, *setup.notes)
     setup = replace(setup, notes=(*notes, *([ELIMINATED] if setup.options.shooting else [])))
     return fit_result(setup, linear_ends(family, setup, tell), tell, began)
 
@@ -83,6 +86,10 @@ def _nonlinear_fit(model: Model, setup: Setup, tell: Tell, began: float) -> FitR
         raise events_refused("a prediction from sample to sample")
     explicit = dynamics(model)
     explicit = explicit if model.events is not None else good_everywhere(explicit)
+    if setup.options.hold is None:
+        slopes = acting_slopes(explicit, setup.unknowns.parameter_names(), setup.unknowns.theta)
+        straight = slope_note([v.name for v in model.inputs], [d.index for d in slopes])
+        setup = replace(setup, notes=(*straight, *setup.notes))
     # States that constraints tie have no observer with a constant gain.
     by_ekf = setup.options.likelihood == "ekf" or explicit.invariants is not None
     search = identify_by_ekf if setup.method == "pem" and by_ekf else identify_nonlinear

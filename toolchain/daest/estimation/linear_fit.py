@@ -49,6 +49,7 @@ from daest.model.holds import FOH, Hold
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.parallel import workers
+from daest.systems.input_slopes import acting_slopes_of, theta_in_use
 from daest.systems.state_space import state_space
 
 HOLD_ITERATIONS = 10  # of the short output-error fits that compare the holds
@@ -135,12 +136,18 @@ class LinearEnds:
         return end, told
 
 
+def needed_slopes(family: StateSpaceFamily, unknowns: Unknowns) -> list[int]:
+    """The inputs by whose derivatives the model moves, whatever its unknown parameters are."""
+    theta = theta_in_use(family.parameters, unknowns.parameter_names(), unknowns.theta)
+    return [i for i, _ in acting_slopes_of(state_space(family, theta))] if family.input_derivatives else []
+
+
 def _chosen_hold(problem: Problem, experiments: Sequence[Experiment], given: Hold | None) -> Hold:
     """The given hold, or the one with the higher likelihood after short output-error fits."""
     family = problem.family
     if given is not None:
         return given
-    if family.input_derivatives or not family.inputs:
+    if not family.inputs or needed_slopes(family, problem.unknowns):
         return "foh"
     short = replace(problem, records=tuple(_head(r, HOLD_SAMPLES) for r in problem.records))
     unknowns = short.unknowns

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from itertools import count
+from itertools import chain, count
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from daest.estimation.noise_levels import (
 )
 from daest.estimation.nonlinear_start import further_starts, limits
 from daest.estimation.observer import observer
-from daest.estimation.optimum import Search, best_point, coloured, lost, rank
+from daest.estimation.optimum import Search, best_point, coloured, lost, rank, scanned
 from daest.estimation.profile import Tell
 from daest.estimation.search import Found
 from daest.estimation.setup import Setup, no_start
@@ -91,6 +91,7 @@ def _search_from(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> End
     points = [simulated.found.z]
     if options.second_look and options.max_iterations:
         points += _led(problem, z)
+        points += scanned(search_of(problem, z, SIMULATION_ITERATIONS, LEADING_GAIN), points[0], options.seed)
     end = _predicted(setup, problem, z, points)
     return None if end is None else replace(_settled(setup, end, z), notes=simulated.notes)
 
@@ -142,8 +143,10 @@ def _simulated(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> Endin
         is_end = setup.method == "oe" or shooting == 1
         iterations = options.max_iterations if is_end else SIMULATION_ITERATIONS
         search = search_of(problem, z, iterations, None if is_end else LEADING_GAIN)
-        leads = is_end and options.second_look and options.max_iterations > 0 and not has_events
-        found = best_point(search, [z], partial(is_coloured, problem), _led(problem, z) if leads else ())
+        further: Iterator[np.ndarray] = iter(())
+        if is_end and options.second_look and options.max_iterations > 0 and not has_events:
+            further = chain(scanned(search, z, options.seed), _led(problem, z))
+        found = best_point(search, [z], partial(is_coloured, problem), further)
         single = None if found is None else Ending(problem, found, None)
     is_doubtful = _has_lost_one(single, z) or (setup.method == "oe" and _is_poor(single))
     if shooting == 1 or (shooting is None and not is_doubtful):

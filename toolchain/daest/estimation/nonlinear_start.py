@@ -19,6 +19,7 @@ from daest.estimation.trajectories import TrajectoryProblem, integrated, predict
 from daest.model.fit import IdentifyOptions
 from daest.model.holds import HOLDS, Hold
 from daest.systems.initialize import initial_point
+from daest.systems.input_slopes import acting_slopes
 from daest.systems.integration import IntegrationError
 
 FIRST_LENGTH = 500  # samples of the fit that finds the initial state before the whole record is used
@@ -148,7 +149,7 @@ def with_hold(
     """The given hold, or the one with the higher likelihood after short fits. Shapes: z (n_z,)."""
     if options.hold is not None or not problem.model.explicit.flat.inputs:
         return problem, z
-    if problem.model.explicit.input_derivatives:
+    if _needs_slopes(problem):
         return replace(problem, hold="foh"), z
     ends: dict[Hold, Found] = {}
     ranked = ranked_holds(_moving(problem), _short_fits(problem, z, ends))
@@ -173,6 +174,11 @@ def _short_fits(
     return likelihood
 
 
+def _needs_slopes(problem: TrajectoryProblem) -> bool:
+    unknowns = problem.unknowns
+    return bool(acting_slopes(problem.model.explicit, unknowns.parameter_names(), unknowns.theta))
+
+
 def _moving(problem: TrajectoryProblem) -> tuple[str, ...]:
     return moving_inputs(problem.experiments, [one.name for one in problem.model.explicit.flat.inputs])
 
@@ -184,7 +190,7 @@ def with_other_hold(
     it is likelier than that: far from the truth, holds are compared by what none explains. All inputs are
     turned, and one alone. None where the hold is given, or right. Shapes: z (n_z,)."""
     explicit = problem.model.explicit
-    if options.hold is not None or not explicit.flat.inputs or explicit.input_derivatives:
+    if options.hold is not None or not explicit.flat.inputs or _needs_slopes(problem):
         return None
     ends = {problem.hold: found}
     first = tuple(dict.fromkeys([problem.hold, *HOLDS]))

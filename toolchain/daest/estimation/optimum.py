@@ -1,20 +1,22 @@
 """The best point that cheap starts lead to, and the doubts that an end must stand before it counts as
 converged.
 
-A search by slopes ends in the first valley. Three things lead out of a wrong one. Another start leads to
-another valley. A logarithmic parameter that has run off by orders of magnitude has no slope left to come
-back by: it is put back where the user started, the others are given time to follow while it is held there,
-and the search goes on. And along a direction that the data hardly tell the likelihood is no parabola: points
-to both sides are tried.
+A search by slopes ends in the first valley. Four things lead out of a wrong one. Another start leads to
+another valley, and where none is known, points all over the range of the parameters are scanned for one. A
+logarithmic parameter that has run off by orders of magnitude has no slope left to come back by: it is put
+back where the user started, the others are given time to follow while it is held there, and the search goes
+on. And along a direction that the data hardly tell the likelihood is no parabola: points to both sides are
+tried.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
+from scipy.stats import qmc
 
 from daest.estimation.coordinates import Coordinate, Unknowns, lost_ones
 from daest.estimation.gates import FIT
@@ -30,6 +32,10 @@ MOST_PROBED = 6  # unknowns, the weakest
 REVIVING = (1.0, 0.3, 0.1, 0.03)  # shares of the step that gives a lost parameter its size again
 HILL, HILL_STDS = np.log(2.0), 3.0  # how far a parameter is moved to look over a hill: in z, in stds
 NEAR_ITERATIONS = 5  # of a search, after which it is asked whether it leads to where another one ended
+SCANNED = 64  # points over the range of the parameters (a power of two), of which the most likely are pursued
+PURSUED, PURSUED_ITERATIONS = 8, 6
+PROMISING = 2  # of these are searched to their end
+NEAR_BOUNDS = 4.0  # spreads between them, within which all of their range is scanned
 
 
 @dataclass(frozen=True)
@@ -84,6 +90,36 @@ def best_point(
     if best is None or not search.hills or best.evaluation.value > search.goal:
         return best
     return _beyond_hills(search, best)
+
+
+def scanned(search: Search, around: np.ndarray, seed: int) -> Iterator[np.ndarray]:
+    """Where searches from the most likely of many points have come to after a few iterations, the best first.
+
+    The points fill the range of the parameters (Sobol), the other unknowns are those of `around`. Nothing is
+    computed before the first one is asked for. Shapes: around and the points (n_z,).
+    """
+    low, high = _scanned_range(search)
+    own = np.array([i for i, c in enumerate(search.unknowns.coordinates) if c.kind == "parameter"], dtype=int)
+    points = np.tile(around, (SCANNED, 1))
+    points[:, own] = (low + (high - low) * qmc.Sobol(low.size, seed=seed).random(SCANNED))[:, own]
+    ends = [
+        end
+        for z in _by_value(search, list(points))[:PURSUED]
+        if (end := search.minimum(z, PURSUED_ITERATIONS)) is not None
+    ]
+    ends.sort(key=lambda end: end.evaluation.value)
+    yield from (end.z for end in ends[:PROMISING])
+
+
+def _scanned_range(search: Search) -> tuple[np.ndarray, np.ndarray]:
+    """Within the bounds of a parameter where these are near, else as far from the user's start as a further
+    start may be. Shapes: both (p,)."""
+    unknowns = search.unknowns
+    lower, upper, home = unknowns.lower, unknowns.upper, search.home[: unknowns.start.size]
+    is_near = upper - lower < NEAR_BOUNDS * unknowns.spread
+    low = np.where(is_near, lower, np.maximum(home - unknowns.spread, lower))
+    high = np.where(is_near, upper, np.minimum(home + unknowns.spread, upper))
+    return low, high
 
 
 def _beyond_hills(search: Search, best: Found) -> Found:

@@ -27,7 +27,6 @@ from daest.model.holds import checked_hold
 from daest.model.linear import StateSpaceFamily
 from daest.model.parts import prior_unused
 from daest.near import near_names
-from daest.systems.state_space import slope_note
 
 
 def known_name(name: str, known: list[str], what: str) -> int:
@@ -317,7 +316,7 @@ def setup_of(
         measurement & measured,
         options,
         tuple(in_model_order(e, family) for e in held_back),
-        (*_hold_note(family, options), *(f"output {name} has no measured value" for name in silent)),
+        tuple(f"output {name} has no measured value" for name in silent),
     )
 
 
@@ -337,12 +336,6 @@ def _divided(
     first = tuple(part_of(e, 0, cut) for e, cut in zip(experiments, cuts, strict=True))
     rest = tuple(part_of(e, cut, e.n_samples) for e, cut in zip(experiments, cuts, strict=True))
     return first, (*rest, *validation)
-
-
-def _hold_note(family: StateSpaceFamily, options: IdentifyOptions) -> tuple[str, ...]:
-    if options.hold is not None:
-        return ()
-    return slope_note([v.name for v in family.inputs], [i for i, _ in family.input_derivatives])
 
 
 def _unknowns(family: StateSpaceFamily, options: IdentifyOptions, std: np.ndarray) -> Unknowns:

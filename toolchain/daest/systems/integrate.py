@@ -29,6 +29,7 @@ from daest.numerics.watched import watched
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import HybridError
 from daest.systems.hybrid import Inputs, follow
+from daest.systems.input_slopes import acting_slopes
 from daest.systems.integration import FAILURES, IntegrationError, pointer
 from daest.systems.sensor_laws import relative_slopes, sensor_laws
 from daest.systems.tolerances import SOLVER
@@ -437,15 +438,16 @@ def interval_inputs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """ū = (u, v) at the two ends of each sample interval, each (n_samples - 1, n_ū).
 
-    inputs (n_samples, n_u). A first derivative that the model needs is the slope of a foh input. Raises
-    ModelError `input-derivative-order` or `input-derivative-hold` where the hold has no such derivative.
+    inputs (n_samples, n_u). A first derivative that the model needs is the slope of a foh input, and zero
+    for a held one. Raises ModelError `input-derivative-order` or `input-derivative-hold` where the model
+    moves by a derivative that the hold does not have.
     """
     names = [one.name for one in explicit.flat.inputs]
     start, end = inputs[:-1], interval_ends(inputs, hold, names)
     held = held_inputs(hold, names)
     slopes = (end - start) / np.diff(time)[:, None]
-    columns = []
-    for derivative in explicit.input_derivatives:
+    slopes[:, held] = 0.0
+    for derivative in acting_slopes(explicit):
         if derivative.order > 1 or held[derivative.index]:
             name = explicit.flat.inputs[derivative.index].name
             raise ModelError(
@@ -456,8 +458,7 @@ def interval_inputs(
                 remedy="use first-order hold (--hold foh) for a first derivative; for a higher one feed the "
                 "input through a lag, or let the derivative itself be the input",
             )
-        columns.append(slopes[:, derivative.index])
-    v = np.column_stack(columns) if columns else np.empty((start.shape[0], 0))
+    v = slopes[:, [d.index for d in explicit.input_derivatives]]
     return np.hstack([start, v]), np.hstack([end, v])
 
 

@@ -27,6 +27,7 @@ from daest.systems.event_update import Mode, settled_start
 from daest.systems.expand import name_equations
 from daest.systems.hybrid import HybridRun, Inputs, follow
 from daest.systems.initialize import initial_point
+from daest.systems.input_slopes import acting_slopes, moved_variables
 from daest.systems.integrate import (
     ALL_STEPS,
     EquationIntegrator,
@@ -176,8 +177,8 @@ def _prepare(
     x0: np.ndarray | Mapping[str, float] | None,
 ) -> _Task:
     time, u = _inputs(explicit.flat, recording)
-    v = _slopes(explicit, time, u, hold)
     values = explicit.flat.checked_theta(theta)
+    v = _slopes(explicit, time, u, values, hold)
     if explicit.flat.events is not None and not isinstance(x0, np.ndarray):
         ubar = np.concatenate([u[0], v[0]])
         assert isinstance(explicit, ExplicitModel)
@@ -218,16 +219,18 @@ def _inputs(flat: Model, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     return time, u
 
 
-def _slopes(explicit: Dynamics, time: np.ndarray, u: np.ndarray, hold: Hold) -> np.ndarray:
-    """Input derivatives v (n_samples, n_v): the slope of the interval that follows, at the end the last."""
+def _slopes(explicit: Dynamics, time: np.ndarray, u: np.ndarray, theta: np.ndarray, hold: Hold) -> np.ndarray:
+    """Input derivatives v (n_samples, n_v): the slope of the interval that follows, at the end the last; zero
+    for a held input."""
     held = held_inputs(hold, [one.name for one in explicit.flat.inputs])
-    for derivative in explicit.input_derivatives:
+    for derivative in acting_slopes(explicit, theta=theta):
         if derivative.order > 1 or held[derivative.index]:
             raise _no_input_derivative(explicit.flat, derivative.index, derivative.order, hold)
     sources = [d.index for d in explicit.input_derivatives]
     if time.size < 2:
         return np.zeros((time.size, len(sources)))
     rates = np.diff(u[:, sources], axis=0) / np.diff(time)[:, None]
+    rates[:, held[sources]] = 0.0
     return np.vstack([rates, rates[-1:]])
 
 
@@ -666,6 +669,10 @@ def _collect(task: _Task, states: np.ndarray, w: np.ndarray, method: str) -> Sim
     explicit, flat = task.explicit, task.explicit.flat
     ubar = np.hstack([task.u, task.v])
     outputs, variables = values_along(explicit, task.time, ubar, task.theta, states, task.hold, w, task.tears)
+    variables = variables.reshape(task.time.size, -1)
+    if explicit.input_derivatives:
+        held = held_inputs(task.hold, [one.name for one in flat.inputs])
+        variables[:, moved_variables(explicit, held, task.theta)] = np.nan  # the slope of a step is none
     signals: list[Any] = [*flat.inputs, *flat.unknowns, *flat.noises, *flat.outputs]
     units = {signal.name: signal.unit for signal in signals}
     return Simulation(
@@ -674,7 +681,7 @@ def _collect(task: _Task, states: np.ndarray, w: np.ndarray, method: str) -> Sim
         inputs=task.u,
         states=states,
         outputs=outputs.reshape(task.time.size, -1),
-        variables=variables.reshape(task.time.size, -1),
+        variables=variables,
         noises=w,
         input_names=tuple(v.name for v in flat.inputs),
         state_names=explicit.state_names,

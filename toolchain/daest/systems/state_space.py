@@ -7,7 +7,7 @@ variance intensity/period that gives it the same power.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, singledispatch
 from typing import Any, Literal
@@ -28,6 +28,7 @@ from daest.numerics.exponential import (
     transition_integrals,
 )
 from daest.systems.initialize import initial_point
+from daest.systems.input_slopes import acting_slopes_of
 from daest.systems.linearize import has_affine_dynamics, is_affine_model, operating_point
 from daest.systems.reduce import dynamics
 
@@ -154,17 +155,6 @@ def sample_derivatives(
     )
 
 
-def slope_note(input_names: Sequence[str], sources: Collection[int]) -> tuple[str, ...]:
-    """Why inputs must run straight between samples, in one sentence: the model needs the derivatives of the
-    inputs with the indices `sources`. Empty where both holds are possible."""
-    if not sources:
-        return ()
-    names = ", ".join(input_names[i] for i in sorted(set(sources)))
-    return (
-        f"hold foh: the model needs the time derivative of input {names}, which a held input does not have",
-    )
-
-
 def stacked_inputs(
     inputs: np.ndarray, time: np.ndarray, input_derivatives: tuple[tuple[int, int], ...]
 ) -> np.ndarray:
@@ -215,7 +205,7 @@ def _square(value: np.ndarray | None, size: int) -> np.ndarray:
 
 
 def _check_input_derivatives(ss: StateSpace, hold: Hold) -> None:
-    for source, order in ss.input_derivatives:
+    for source, order in acting_slopes_of(ss):
         name = ss.input_names[source]
         if order > 1:
             raise ModelError(

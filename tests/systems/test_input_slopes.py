@@ -1,0 +1,74 @@
+"""A body on a spring and a damper between it and a moving ground: whose rate acts only by the damper."""
+
+import numpy as np
+import pytest
+from flat_models import Draft
+
+from daest.estimation.identify import identify
+from daest.model.experiment import Experiment
+from daest.model.fit import IdentifyOptions
+from daest.systems.input_slopes import acting_slopes, acting_slopes_of, theta_in_use
+from daest.systems.reduce import reduce_index
+from daest.systems.simulate import simulate
+from daest.systems.state_space import state_space, state_space_family
+
+TIME = 0.01 * np.arange(400)
+
+
+def shaken(d=0.0, cubic=0.0):
+    draft = Draft(
+        "Shaken",
+        parameters={"m": 2.0, "c": 80.0, "d": d, "c3": cubic, "b": 1.0},
+        unknowns=["s", "v", "s_rel", "v_rel"],
+        inputs=["z"],
+    )
+    draft.outputs = {"y": "s"}
+    for text in ("s_rel = z - s", "v_rel = der(s_rel)", "der(s) = v"):
+        draft.equation(text)
+    draft.equation("m*der(v) = c*s_rel + d*v_rel + c3*s_rel**3 - b*v")
+    return draft.flat()
+
+
+def held_ground(seed=1):
+    return np.repeat(np.random.default_rng(seed).normal(size=40), 10)[:, None]
+
+
+@pytest.mark.parametrize(("d", "cubic"), [(0.0, 0.0), (0.0, 5.0), (3.0, 0.0), (3.0, 5.0)])
+def test_rate_of_the_ground_acts_by_the_damper_alone(d, cubic):
+    explicit = reduce_index(shaken(d, cubic))
+    assert len(explicit.input_derivatives) == 1
+    assert len(acting_slopes(explicit)) == (d != 0.0)
+    assert len(acting_slopes(explicit, ("d",))) == 1
+    if cubic == 0.0:
+        family = state_space_family(explicit)
+        for names in ((), ("d",)):
+            ss = state_space(family, theta_in_use(family.parameters, names))
+            assert len(acting_slopes_of(ss)) == (d != 0.0 or names == ("d",))
+
+
+@pytest.mark.parametrize("cubic", [0.0, 5.0])
+def test_held_ground_moves_the_body_and_leaves_the_rate_untold(cubic):
+    u = held_ground()
+    result = simulate(shaken(cubic=cubic), (TIME, u), hold="zoh")
+    # The same by ten steps a sample: the ground then jumps within a tenth of one.
+    fine = np.linspace(0.0, TIME[-1], 10 * (TIME.size - 1) + 1)
+    ground = u[np.minimum((fine / 0.01 + 1e-6).astype(int), TIME.size - 1)]
+    other = simulate(shaken(cubic=cubic), (fine, ground), hold="foh")
+    assert np.allclose(result["s"], other["s"][::10], atol=0.06 * np.std(other["s"]))
+    assert np.all(np.isnan(result["v_rel"]))
+    assert np.all(np.isfinite(result["s_rel"]))
+
+
+@pytest.mark.parametrize("cubic", [0.0, 5.0])
+def test_hold_is_chosen_where_the_rate_does_not_act(cubic):
+    u = held_ground()
+    moved = simulate(shaken(cubic=cubic), (TIME, u), hold="zoh")
+    y = moved.outputs + 0.01 * np.random.default_rng(2).normal(size=moved.outputs.shape)
+    record = Experiment("shaken", TIME, u, y, ("z",), ("y",))
+    fit = identify(shaken(cubic=cubic), [record], IdentifyOptions(estimate=("c",)))
+    assert fit.hold == "zoh"
+    assert not any("derivative" in note for note in fit.notes)
+    assert abs(fit.theta["c"] - 80.0) < 4.0 * fit.parameters[0].std_error
+    both = identify(shaken(cubic=cubic), [record], IdentifyOptions(estimate=("c", "d"), start={"d": 0.5}))
+    assert both.hold == "foh"
+    assert any("derivative of input z" in note for note in both.notes)
