@@ -76,3 +76,37 @@ def test_flow_leaves_one_balance_and_enters_the_other(tmp_path, name):
     (there,) = [s for s in sites(opened) if s.kind == "exchange"]
     second = extend_model(again, made.class_name, effect, there, "second", values)
     assert second.text.count("Daest.Terms.") == 2
+
+
+@pytest.mark.parametrize("unit", ["K", "degC"])
+def test_heat_flows_to_surroundings_whose_temperature_is_an_input(tmp_path, unit):
+    zero = 273.15 if unit == "degC" else 0.0
+    path = tmp_path / "Oven.mo"
+    path.write_text(
+        f"""model Oven
+  parameter Real C(unit = "J/K") = 4000;
+  parameter Real G(unit = "W/K") = 0.8;
+  input Real P(unit = "W");
+  input Real T_out(unit = "{unit}");
+  output Real T(unit = "{unit}", start = {293.15 - zero}, fixed = true);
+equation
+  C*der(T) = P - G*(T - T_out);
+end Oven;
+"""
+    )
+    flat, effect = compile_model(path), find_effect("Thermal.Radiation")
+    (site,) = [s for s in sites(flat) if s.kind == "exchange"]
+    assert site.aliases == ("T, T_out",)
+
+    def rate(_, T):
+        sun = 0.03 * 5.670374419e-8 * (T[0] ** 4 - 285.0**4)
+        return [(700.0 - 0.8 * (T[0] - 285.0) - sun) / 4000.0]
+
+    expected = solve_ivp(rate, (0.0, 4000.0), [293.15], rtol=1e-9, atol=1e-9).y[0, -1] - zero
+    drive = (np.linspace(0.0, 4000.0, 41), np.tile([700.0, 285.0 - zero], (41, 1)))
+    attached = attach(flat, effect, site, values={"Gr": 0.03})
+    made = extend_model(path, None, effect, find_site(flat, "T, T_out", effect), values={"Gr": 0.03})
+    for model in (attached, made.flat):
+        np.testing.assert_allclose(simulate(model, drive).outputs[-1], expected, rtol=1e-6)
+    with pytest.raises(ModelError, match="effect-present"):
+        attach(attached, effect, site)

@@ -22,6 +22,8 @@ from daest.model.flat import Model
 from daest.model.linear import StateSpaceFamily
 from daest.model.parts import Prior
 
+NEXT_TO_NOTHING = 0.01  # of what moves the outputs by what is left of them: a start value that tells no size
+
 
 @dataclass(frozen=True)
 class Coordinate:
@@ -37,6 +39,7 @@ class Coordinate:
     lower: float
     upper: float
     prior: Prior | None = None
+    is_nominal: bool = False  # whether the user gave the `scale`
 
     def searched(self, value: float) -> float:
         """z of a value."""
@@ -138,7 +141,28 @@ def parameter_coordinate(
         lower=float(max(lower, 0.0) if is_log and value > 0.0 else lower),
         upper=float(upper),
         prior=parameter.prior,
+        is_nominal=bool(parameter.nominal),
     )
+
+
+def rescaled(unknowns: Unknowns, start: Evaluation | None, n_observed: int) -> Unknowns:
+    """The unknowns with units for those linear parameters whose start value tells none: it is zero, or next
+    to nothing beside the change that moves the outputs by as much as is left of them at the `start`.
+
+    A search moves no coordinate by more than a few units in one step: from an offset of 0 N in units of 1 N
+    it would creep towards one of 800 N.
+    """
+    if start is None:
+        return unknowns
+    coordinates = list(unknowns.coordinates)
+    for i, one in enumerate(coordinates):
+        information = float(start.information[i, i])
+        if one.kind != "parameter" or one.is_log or one.is_nominal or not information > 0.0:
+            continue
+        unit = one.scale * np.sqrt(n_observed / information)
+        if abs(one.initial) < NEXT_TO_NOTHING * unit:
+            coordinates[i] = replace(one, scale=float(unit))
+    return replace(unknowns, coordinates=tuple(coordinates))
 
 
 def lost_ones(unknowns: Unknowns, z: np.ndarray, start: np.ndarray) -> list[int]:

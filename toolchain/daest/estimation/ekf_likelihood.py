@@ -139,6 +139,7 @@ def identify_by_ekf(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> Fi
     """
     began = time.perf_counter()
     first = nonlinear_ends(explicit, setup, tell)
+    setup = first.setup
     if setup.method == "oe":
         return fit_result(setup, first, tell, began)
     problem, z = _problem(explicit, setup, setup.estimate_intensity, first)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.estimation.coordinates import Unknowns, objective, prior_penalty
+from daest.estimation.coordinates import Unknowns, objective, prior_penalty, rescaled
 from daest.estimation.gain_family import Levels
 from daest.estimation.gates import FIT
 from daest.estimation.noise_levels import (
@@ -32,6 +32,7 @@ from daest.estimation.nonlinear_start import (
     limits,
     scaled,
     started,
+    unscaled_start,
     with_hold,
     with_other_hold,
 )
@@ -89,7 +90,10 @@ def identify_nonlinear(explicit: Dynamics, setup: Setup, tell: Tell = silent) ->
 
 def nonlinear_ends(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> NonlinearEnds:
     """The ends of the searches of `identify_nonlinear`, which raises the same."""
-    problem, z = started(_problem(explicit, setup))
+    unscaled = _problem(explicit, setup)
+    at_start = objective(unscaled)(unscaled_start(unscaled), True)
+    setup = replace(setup, unknowns=rescaled(setup.unknowns, at_start, setup.n_observed))
+    problem, z = started(replace(unscaled, unknowns=setup.unknowns))
     problem, z = with_hold(problem, z, setup.options)
     may_be_cut = setup.method == "oe" and setup.options.shooting != 1
     check_nonlinear_start(problem, z, may_be_cut=may_be_cut)

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from daest.estimation.arx import matched_start
-from daest.estimation.coordinates import Coordinate, Unknowns, objective, prior_precisions
+from daest.estimation.coordinates import Coordinate, Unknowns, objective, prior_precisions, rescaled
 from daest.estimation.gates import FIT
 from daest.estimation.hold_search import moving_inputs, ranked_holds
 from daest.estimation.identifiability import (
@@ -69,6 +69,9 @@ def linear_ends(family: StateSpaceFamily, setup: Setup, tell: Tell) -> LinearEnd
     has_direct_noise = bool(np.any(state_space(family, setup.unknowns.theta).H != 0.0))
     sampled: Literal["white", "held"] = "held" if has_direct_noise else "white"
     simulation = Problem(family, records, "foh", setup.unknowns, setup.estimate_std, sampled)
+    at_start = objective(simulation)(setup.unknowns.start, True)
+    setup = replace(setup, unknowns=rescaled(setup.unknowns, at_start, setup.n_observed))
+    simulation = replace(simulation, unknowns=setup.unknowns)
     simulation = replace(simulation, hold=_chosen_hold(simulation, setup.experiments, setup.options.hold))
     _check_start(setup, simulation)
     problem, found = _search(setup, simulation, tell)

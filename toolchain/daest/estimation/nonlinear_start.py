@@ -34,10 +34,15 @@ def started(problem: TrajectoryProblem) -> tuple[TrajectoryProblem, np.ndarray]:
     """State scales from a first simulation, and initial states that fit the beginning of each experiment.
     Sizes of effects start where their simulation fits best. Shapes: the search vector is (n_z,)."""
     problem = with_sized_effects(problem)
-    unknowns = problem.unknowns
-    z = np.concatenate([unknowns.start, consistent_states(problem, unknowns.start).ravel()])
-    problem, z = scaled(problem, z)
+    problem, z = scaled(problem, unscaled_start(problem))
     return problem, fit_initial_states(problem, z, *limits(problem))
+
+
+def unscaled_start(problem: TrajectoryProblem) -> np.ndarray:
+    """The start values of the unknowns with the initial states that the model asks for, in their units
+    (n_z,)."""
+    start = problem.unknowns.start
+    return np.concatenate([start, consistent_states(problem, start).ravel()])
 
 
 def with_sized_effects(problem: TrajectoryProblem) -> TrajectoryProblem:
@@ -84,8 +89,8 @@ def consistent_states(problem: TrajectoryProblem, z_parameters: np.ndarray) -> n
 
 
 def scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem, np.ndarray]:
-    """The problem with state scales read off a simulation, and z (given unscaled) in them. Shapes: z
-    (n_z,)."""
+    """The problem with state scales read off a simulation, and z (given unscaled) in them. A state that rests
+    in it, such as an unknown load, is scaled by what it does to the outputs. Shapes: z (n_z,)."""
     n = len(problem.unknowns.coordinates)
     errors = prediction_errors(problem, z)
     if errors is None:
@@ -93,9 +98,23 @@ def scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem
     size = np.max([np.max(np.abs(t.states), axis=0) for t in errors.trajectories], axis=0)
     # A state that rests at zero leaves it by rounding, which is no size to resolve it by.
     least = FIT.rounded_state * np.max(size[np.isfinite(size)], initial=0.0)
-    scale = np.where(np.isfinite(size) & (size > least), size, 1.0)
+    rests = ~(np.isfinite(size) & (size > least))
+    scale = np.where(rests, _scale_by_outputs(problem, z) if np.any(rests) else 1.0, size)
     x0 = z[n:].reshape(len(problem.experiments), scale.size) / scale
     return replace(problem, state_scale=scale), np.concatenate([z[:n], x0.ravel()])
+
+
+def _scale_by_outputs(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
+    """The initial value of each state that moves the outputs by as much as is left of them, on average over a
+    record; 1 for a state that moves none. Shapes: z (n_z,) unscaled; the scales (n_states,)."""
+    here = objective(problem)(z, True)
+    if here is None:
+        return np.ones(problem.n_states)
+    n, n_experiments = len(problem.unknowns.coordinates), len(problem.experiments)
+    own = np.diagonal(here.information)[n : n + n_experiments * problem.n_states]
+    most = np.max(own.reshape(n_experiments, problem.n_states), axis=0)
+    n_observed = max(int(np.isfinite(e.outputs).sum()) for e in problem.experiments)
+    return np.sqrt(n_observed / np.where(most > 0.0, most, n_observed))
 
 
 def fit_initial_states(

@@ -206,7 +206,10 @@ class _Assembly:
             self._as_term(member, effect.connectors[0], site.name)
         elif site.kind == "exchange":
             for own, name in zip(effect.connectors, site.name.split(", "), strict=True):
-                self._as_term(member, own, name)
+                if name in self._balances:
+                    self._as_term(member, own, name)
+                else:
+                    self._at_input(member, own, name)
         elif site.kind == "force":
             self._beside_force(member, site.name)
         elif site.kind == "mesh":
@@ -416,6 +419,14 @@ class _Assembly:
         else:
             self._tie_rate(potential, variable.name, self.xi[balance.variable])
 
+    def _at_input(self, member: _Member, own: str, name: str) -> None:
+        """The potential of the effect's connector `own` follows the temperature that is the input `name`."""
+        at = next(i for i, one in enumerate(self.flat.inputs) if one.name == name)
+        shift, shown = (
+            (ZERO_CELSIUS, f" + {ZERO_CELSIUS}") if self.flat.inputs[at].unit == "degC" else (0.0, "")
+        )
+        self._tie(*member.local(own, 0), f"{name}{shown}", self.u[at] + shift)
+
     def _beside_force(self, member: _Member, name: str) -> None:
         """The effect's flow becomes a term beside a force between bodies, its potential follows their
         relative motion; the other end of an effect with two does not move."""
@@ -547,7 +558,8 @@ class _Assembly:
             current = site.name.partition(":")[2]
             return {_owner(e.text.partition(" = ")[0]) for e in self.equations if _is_tied(e, current)}
         if site.kind in ("equation", "exchange", "force", "mesh"):
-            return self._terms_of({int(name.partition(":")[0]) for name in site.name.split(", ")})
+            names = [name.partition(":") for name in site.name.split(", ")]
+            return self._terms_of({int(row) for row, colon, _ in names if colon})
         if site.kind == "connector":
             joined = self.equations[self._flow_rows[site.connectors[0]]].origin.split(", ")
             return {_owner(name) for name in joined} if len(joined) == 2 else set()

@@ -395,6 +395,9 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Origi
     elif site.kind == "exchange":
         variables = [part.rpartition(":")[2] for part in site.name.split(", ")]
         for own, variable in zip(effect.connectors, variables, strict=True):
+            if variable in {one.name for one in original.flat.inputs}:
+                draft.connect(f"{name}.{own}", _prescribed(draft, original.flat, name, variable))
+                continue
             # What has been opened before changes the number of an equation.
             opened = next(b for b in balances(original.flat) if _variable(original.flat, b) == variable)
             original, end = _opened_balance(original, opened.name(original.flat), site.domain)
@@ -415,6 +418,17 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Origi
             "Declare it in the model as a variable.",
         )
     return original
+
+
+def _prescribed(draft: _Draft, flat: FlatModel, name: str, variable: str) -> str:
+    """The port of a new component whose temperature is the input `variable`."""
+    unit = next(one.unit for one in flat.inputs if one.name == variable)
+    package = "Celsius" if unit == "degC" else "Sources"
+    source = free_name(f"{name}_surroundings", names_of(flat))
+    kind = f"Daest.Thermal.HeatTransfer.{package}.PrescribedTemperature"
+    draft.declarations.append(f'{kind} {source} "Temperature that is measured";')
+    draft.equations.append(f"{source}.T = {variable};")
+    return f"{source}.port"
 
 
 def _variable(flat: FlatModel, balance: Balance) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from daest.errors import ModelError
 from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
-from daest.modelica.balances import Balance, balances, slopes_near_start
+from daest.modelica.balances import TEMPERATURES, Balance, balances, slopes_near_start
 from daest.modelica.connectors import Connector, connectors_of
 from daest.modelica.internal_forces import internal_forces
 from daest.modelica.meshes import meshes
@@ -105,7 +105,8 @@ def untold_balances(flat: FlatModel) -> list[Site]:
 
 
 def _exchanges(flat: FlatModel) -> list[Site]:
-    """Pairs of balances of heat or volume among the model's own equations."""
+    """Pairs of balances of heat or volume among the model's own equations, and of a balance of heat and a
+    temperature that is an input in its equation."""
     found: list[Site] = []
     known = [b for b in balances(flat) if b.domain(flat) in _PAIRED]
     for a, b in combinations(known, 2):
@@ -116,7 +117,23 @@ def _exchanges(flat: FlatModel) -> list[Site]:
             variables = ", ".join(flat.unknowns[one.variable].name for one in (a, b))
             name = f"{a.name(flat)}, {b.name(flat)}"
             found.append(Site(name, "exchange", domain, aliases=(variables,)))
-    return found
+    return found + [one for balance in known for one in _exchanges_with_surroundings(flat, balance)]
+
+
+def _exchanges_with_surroundings(flat: FlatModel, balance: Balance) -> list[Site]:
+    if balance.domain(flat) != "thermal" or not balances_flows(flat, balance):
+        return []
+    used = ca.which_depends(flat.residual[balance.row], flat.u, 1, False)
+    warm = [
+        one.name
+        for one, is_used in zip(flat.inputs, used, strict=True)
+        if is_used and one.unit in TEMPERATURES
+    ]
+    own = flat.unknowns[balance.variable].name
+    return [
+        Site(f"{balance.name(flat)}, {name}", "exchange", "thermal", aliases=(f"{own}, {name}",))
+        for name in warm
+    ]
 
 
 def _forces(flat: FlatModel) -> list[Site]:
