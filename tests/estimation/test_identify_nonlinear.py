@@ -338,6 +338,27 @@ def test_law_that_the_start_values_never_reach_waits_for_the_other_parameters():
     assert any("k, rim did nothing at the start values" in note for note in fit.notes)
 
 
+def test_a_load_at_rest_is_scaled_by_what_it_does_to_the_outputs() -> None:
+    """In units of 1 N.m a search would creep towards a load of thousands, and not see one of thousandths."""
+    for size in (1e-3, 1e4):
+        explicit = explicit_from(
+            ("w", "load"),
+            {"J": size, "d": size},
+            lambda x, u, w, p, t: [(u[0] - p[1] * x[0] + x[1]) / p[0], -0.1 * x[1]],
+            {"y": lambda x, u, p: x[0]},
+        )
+        time = 0.1 * np.arange(200)
+        u = size * np.sin(time)
+        y = 0.7 * np.sin(time - 0.8)[:, None]
+        unknowns = Unknowns((), np.array([size, size]), np.zeros(0), np.ones(1))
+        problem = trajectories.TrajectoryProblem(
+            integrator(explicit), (experiment_of(explicit, time, u[:, None], y),), "zoh", unknowns, np.ones(2),
+            np.array([np.nan]),
+        )  # fmt: skip
+        found, _ = nonlinear_start.scaled(problem, np.r_[problem.unknowns.start, 0.0, 0.0])
+        assert 0.1 * size < found.state_scale[1] < 10.0 * size
+
+
 def test_a_state_at_rest_is_not_resolved_to_its_rounding(monkeypatch: pytest.MonkeyPatch) -> None:
     """A load that stays at zero but for rounding would set a tolerance of its own, and its search steps as
     short as that asks for. A charge of picocoulombs beside volts is no rounding."""
@@ -351,6 +372,7 @@ def test_a_state_at_rest_is_not_resolved_to_its_rounding(monkeypatch: pytest.Mon
     states = np.array([[0.0, 0.0, 0.0, 0.0], [-0.2, 90.0, 3e-23, 1e-12]])
     runs = SimpleNamespace(trajectories=[SimpleNamespace(states=states)])
     monkeypatch.setattr(nonlinear_start, "prediction_errors", lambda problem, z: runs)
+    monkeypatch.setattr(nonlinear_start, "objective", lambda problem: lambda z, slopes: None)
     problem = Problem(SimpleNamespace(coordinates=()), (None,), np.ones(4))
     found, z = nonlinear_start.scaled(problem, np.array([0.1, 9.0, 1e-24, 0.0]))  # type: ignore[arg-type]
     np.testing.assert_allclose(found.state_scale, [0.2, 90.0, 1.0, 1e-12])

@@ -249,3 +249,37 @@ def test_step_before_the_first_sample():
         with pytest.raises(EstimationError, match="the input u is constant"):
             still = Experiment("still", time, u, rest[:, None], ("u",), ("y",))
             identify(compile_text(text, Path("Lag.mo")), [still])
+
+
+CAR = """model Car
+  parameter Real m(unit = "kg", min = 0) = 1300 annotation(__Daest(estimate = true));
+  parameter Real c0(unit = "N") = 0 annotation(__Daest(estimate = true));
+  parameter Real c1(unit = "N.s/m", min = 0) = 20 annotation(__Daest(estimate = true));
+  input Real F(unit = "N");
+  input Real slope(unit = "rad");
+  output Real v(unit = "m/s", start = 16);
+equation
+  m*der(v) = F - c0 - c1*v - 9.81*m*LAW;
+end Car;
+"""
+
+
+@pytest.mark.parametrize("law", ["slope", "sin(slope)"])
+def test_force_that_starts_at_zero_is_found_in_few_steps(law):
+    """In units of 1 N a search would creep: no coordinate moves by more than a few units in one step."""
+    rng, h, n = np.random.default_rng(4), 0.5, 800
+    F, slope = np.repeat(rng.uniform(-1500, 4200, n // 20), 20), 0.05 * np.sin(0.04 * np.arange(n))
+    v = np.empty(n)
+    v[0] = 16.0
+    force = F - 830.0 - 9.81 * 1480.0 * (slope if law == "slope" else np.sin(slope))
+    decay = np.exp(-11.0 / 1480.0 * h)
+    for k in range(n - 1):
+        v[k + 1] = decay * v[k] + (1.0 - decay) * force[k] / 11.0
+    y = v + 0.05 * rng.normal(size=n)
+    record = Experiment("car", h * np.arange(n), np.c_[F, slope], y[:, None], ("F", "slope"), ("v",))
+    flat = compile_text(CAR.replace("LAW", law).encode(), Path("Car.mo"), "Car")
+    fit = identify(flat, [record], IdentifyOptions(second_look=False, max_iterations=15))
+    truth = {"m": 1480.0, "c0": 830.0, "c1": 11.0}
+    assert (fit.status, fit.hold) == ("converged", "zoh")
+    for p in fit.parameters:
+        assert abs(p.value - truth[p.name]) < 4.0 * p.std_error

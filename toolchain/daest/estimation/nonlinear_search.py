@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from itertools import chain, count
+from itertools import count
 
 import numpy as np
 
@@ -131,6 +131,21 @@ def _rough_value(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> flo
 
 
 def _simulated(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> Ending | None:
+    """The end of an output-error search from z, or of one from elsewhere in the range of the parameters where
+    the former leaves residuals that are not white."""
+    end, options = _simulated_from(setup, problem, z), setup.options
+    is_last = setup.method == "oe" and options.second_look and options.max_iterations > 0
+    has_events = problem.model.explicit.flat.events is not None
+    if end is None or end.cut is not None or not is_last or has_events:
+        return end
+    search, doubt = search_of(end.problem, z, options.max_iterations), partial(is_coloured, end.problem)
+    if not doubt(end.found):
+        return end
+    found = best_point(search, [end.found.z], doubt, scanned(search, end.found.z, options.seed))
+    return end if found is None or rank(found) >= rank(end.found) else replace(end, found=found, notes=())
+
+
+def _simulated_from(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> Ending | None:
     """The end of an output-error search: over the whole records, by multiple shooting where that is wanted,
     or by the better of both where the former fails or loses a parameter."""
     options, shooting = setup.options, setup.options.shooting
@@ -143,10 +158,8 @@ def _simulated(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> Endin
         is_end = setup.method == "oe" or shooting == 1
         iterations = options.max_iterations if is_end else SIMULATION_ITERATIONS
         search = search_of(problem, z, iterations, None if is_end else LEADING_GAIN)
-        further: Iterator[np.ndarray] = iter(())
-        if is_end and options.second_look and options.max_iterations > 0 and not has_events:
-            further = chain(scanned(search, z, options.seed), _led(problem, z))
-        found = best_point(search, [z], partial(is_coloured, problem), further)
+        leads = is_end and options.second_look and options.max_iterations > 0 and not has_events
+        found = best_point(search, [z], partial(is_coloured, problem), _led(problem, z) if leads else ())
         single = None if found is None else Ending(problem, found, None)
     is_doubtful = _has_lost_one(single, z) or (setup.method == "oe" and _is_poor(single))
     if shooting == 1 or (shooting is None and not is_doubtful):

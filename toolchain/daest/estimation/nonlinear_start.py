@@ -109,7 +109,7 @@ def _scale_by_outputs(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
     record; 1 for a state that moves none. Shapes: z (n_z,) unscaled; the scales (n_states,)."""
     here = objective(problem)(z, True)
     if here is None:
-        return np.ones(problem.n_states)
+        return np.ones_like(problem.state_scale)
     n, n_experiments = len(problem.unknowns.coordinates), len(problem.experiments)
     own = np.diagonal(here.information)[n : n + n_experiments * problem.n_states]
     most = np.max(own.reshape(n_experiments, problem.n_states), axis=0)

@@ -446,7 +446,7 @@ def interval_inputs(
     start, end = inputs[:-1], interval_ends(inputs, hold, names)
     held = held_inputs(hold, names)
     slopes = (end - start) / np.diff(time)[:, None]
-    slopes[:, held] = 0.0
+    slopes[:, np.flatnonzero(held)] = 0.0
     for derivative in acting_slopes(explicit):
         if derivative.order > 1 or held[derivative.index]:
             name = explicit.flat.inputs[derivative.index].name
