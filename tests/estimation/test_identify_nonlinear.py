@@ -79,7 +79,7 @@ def identified(experiments, method, intensity=np.nan, explicit=None, validation=
             method,
             np.array([intensity]),
             np.array([np.isnan(intensity)]),
-            np.array([np.nan]),
+            np.ones(2), np.array([np.nan]),
             IdentifyOptions(hold="zoh"),
             validation,
         ),
@@ -352,8 +352,8 @@ def test_a_load_at_rest_is_scaled_by_what_it_does_to_the_outputs() -> None:
         y = 0.7 * np.sin(time - 0.8)[:, None]
         unknowns = Unknowns((), np.array([size, size]), np.zeros(0), np.ones(1))
         problem = trajectories.TrajectoryProblem(
-            integrator(explicit), (experiment_of(explicit, time, u[:, None], y),), "zoh", unknowns, np.ones(2),
-            np.array([np.nan]),
+            integrator(explicit), (experiment_of(explicit, time, u[:, None], y),), "zoh", unknowns,
+            np.ones(2), np.array([np.nan]),
         )  # fmt: skip
         found, _ = nonlinear_start.scaled(problem, np.r_[problem.unknowns.start, 0.0, 0.0])
         assert 0.1 * size < found.state_scale[1] < 10.0 * size
