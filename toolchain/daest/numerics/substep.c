@@ -38,12 +38,21 @@ static const unsigned char HAS_SLOPE[] = {SLOPES};
 #define WRITTEN_OUT
 #endif
 
+/* Small products are part of what calls them, so that their numbers stay in registers. */
+#if defined(__GNUC__) && NX <= 8
+#define WHOLE inline __attribute__((always_inline))
+#else
+#define WHOLE
+#endif
+
 enum { DONE = 0, NOT_FINITE = 3, NO_MEMORY = 4, SINGULAR_INNOVATION = 5 };
 enum { ORDER = 12, MOST_DOUBLINGS = 60 };
 #ifdef EVERY_LEVEL
-enum { LEVELS = MOST_DOUBLINGS + 1, TERMS = ORDER + 1 };
+enum { LEVELS = MOST_DOUBLINGS + 1 };
+#define KEEP(term, value) memcpy(term, value, sizeof(value))
 #else
-enum { LEVELS = 2, TERMS = 2 };
+enum { LEVELS = 2 };
+#define KEEP(term, value)
 #endif
 static const scalar RADIUS = 0.25; /* |A| s stays below: ORDER terms leave out less than 1e-13 */
 /* Terms of a series below this share of the first are left out. */
@@ -71,7 +80,7 @@ static int all_finite(const real *v, int n) {
 
 /* ---- small dense algebra, NX x NX ---- */
 
-static void multiply(const real *a, const real *b, real *c) {
+static WHOLE void multiply(const real *a, const real *b, real *c) {
   for (int i = 0; i < NX; ++i) {
     real row[NX] = {0};
     for (int k = 0; k < NX; ++k)
@@ -81,7 +90,7 @@ static void multiply(const real *a, const real *b, real *c) {
 }
 
 /* c = factor A b with the slopes A */
-static void multiply_slopes(const real *A, const real *b, scalar factor, real *c) {
+static WHOLE void multiply_slopes(const real *A, const real *b, scalar factor, real *c) {
   WRITTEN_OUT
   for (int i = 0; i < NX; ++i) {
     real row[NX] = {0};
@@ -93,7 +102,7 @@ static void multiply_slopes(const real *A, const real *b, scalar factor, real *c
   }
 }
 
-static void apply_slopes(const real *A, const real *v, real *out) {
+static WHOLE void apply_slopes(const real *A, const real *v, real *out) {
   WRITTEN_OUT
   for (int i = 0; i < NX; ++i) {
     real sum = {0};
@@ -113,7 +122,7 @@ static void add_product(const real *a, const real *b, real *c) {
 #endif
 
 /* c += a b', which is symmetric */
-static void add_symmetric(const real *a, const real *b, real *c) {
+static WHOLE void add_symmetric(const real *a, const real *b, real *c) {
   WRITTEN_OUT
   for (int i = 0; i < NX; ++i)
     for (int j = 0; j <= i; ++j) {
@@ -132,7 +141,7 @@ static void apply(const real *a, const real *v, real *out) {
   }
 }
 
-static void add_applied(const real *a, const real *v, real *out) {
+static WHOLE void add_applied(const real *a, const real *v, real *out) {
   for (int i = 0; i < NX; ++i) {
     real sum = out[i];
     for (int k = 0; k < NX; ++k) sum += a[i * NX + k] * v[k];
@@ -160,9 +169,13 @@ typedef struct {
 /* Everything that the differential of a substep needs again. */
 typedef struct {
   Slopes at;
-  real horner[TERMS][XX], f_term[TERMS][NX], ramp_term[TERMS][NX], nested[TERMS][XX]; /* Q = step nested[1] */
+#ifdef EVERY_LEVEL
+  real horner[ORDER + 1][XX], f_term[ORDER + 1][NX], ramp_term[ORDER + 1][NX];
+  real nested[ORDER + 1][XX]; /* Q = step nested[1] */
+#endif
   int with_Q, with_mean; /* what is wanted: the covariance, the mean */
   int with_phi; /* the transition is wanted also where no doubling needs it */
+  int with_ramp; /* the right-hand side changes with time by itself, or by inputs between samples */
   int order; /* terms of the series */
   scalar length[MOST_DOUBLINGS + 1];
   Solution level[LEVELS];
@@ -171,8 +184,6 @@ typedef struct {
 
 /* Solution after d doublings. */
 #define LEVEL(s, d) (&(s)->level[(d) % LEVELS])
-/* Where the term k of a series stands. */
-#define TERM(k) ((k) % TERMS)
 
 /* The smaller of the largest sums of a row and of a column: either bounds all terms of the series. */
 static scalar norm(const real *A) {
@@ -192,6 +203,18 @@ static scalar norm(const real *A) {
   return most < most_of_columns ? most : most_of_columns;
 }
 
+/* Whether the ramp changes anything; differentials of the series need its terms in any case. */
+static int moves(const real *ramp) {
+#ifdef EVERY_LEVEL
+  (void)ramp;
+  return 1;
+#else
+  real largest = {0};
+  for (int i = 0; i < NX; ++i) largest = GREATER(largest, MAGNITUDE(ramp[i]));
+  return LARGEST(largest) > 0;
+#endif
+}
+
 static void diffusion(const real *G, const scalar *q, real *D) {
   for (int i = 0; i < NX; ++i)
     for (int j = 0; j < NX; ++j) {
@@ -201,48 +224,71 @@ static void diffusion(const real *G, const scalar *q, real *D) {
     }
 }
 
-static void series(Substep *s, scalar step, const real *D) {
+/* exp(A step) */
+static WHOLE void series_of_phi(Substep *s, scalar step, real *phi) {
   const real *A = s->at.A;
-  Solution *out = &s->level[0];
-  if (s->with_phi || s->doublings) {
-    real *H = s->horner[TERM(s->order)];
-    for (int i = 0; i < XX; ++i) H[i] = A[i] * (step / (scalar)s->order);
-    for (int i = 0; i < NX; ++i) H[i * NX + i] += (scalar)1;
-    for (int k = s->order - 1; k > 0; --k) {
-      H = s->horner[TERM(k)];
-      multiply_slopes(A, s->horner[TERM(k + 1)], step / (scalar)k, H);
-      for (int i = 0; i < NX; ++i) H[i * NX + i] += (scalar)1;
-    }
-    memcpy(out->phi, H, sizeof out->phi);
+  real H[XX], next[XX];
+  for (int i = 0; i < XX; ++i) H[i] = A[i] * (step / (scalar)s->order);
+  for (int i = 0; i < NX; ++i) H[i * NX + i] += (scalar)1;
+  KEEP(s->horner[s->order], H);
+  for (int k = s->order - 1; k > 0; --k) {
+    multiply_slopes(A, H, step / (scalar)k, next);
+    for (int i = 0; i < NX; ++i) next[i * NX + i] += (scalar)1;
+    for (int i = 0; i < XX; ++i) H[i] = next[i];
+    KEEP(s->horner[k], H);
   }
-  for (int i = 0; i < NX && s->with_mean; ++i) {
-    out->from_f[i] = s->f_term[TERM(1)][i] = step * s->at.f[i];
-    out->ramp_rate[i] = s->ramp_term[TERM(1)][i] = step * s->at.ramp[i];
-    out->from_ramp[i] = (scalar)0.5 * step * s->ramp_term[TERM(1)][i];
+  for (int i = 0; i < XX; ++i) phi[i] = H[i];
+}
+
+static WHOLE void series_of_mean(Substep *s, scalar step, Solution *out) {
+  const real *A = s->at.A;
+  real f[NX], ramp[NX], next[NX];
+  for (int i = 0; i < NX; ++i) {
+    out->from_f[i] = f[i] = step * s->at.f[i];
+    out->ramp_rate[i] = ramp[i] = step * s->at.ramp[i];
+    out->from_ramp[i] = (scalar)0.5 * step * ramp[i];
   }
-  for (int k = 2; k <= s->order && s->with_mean; ++k) {
-    real *f_term = s->f_term[TERM(k)], *ramp_term = s->ramp_term[TERM(k)];
-    apply_slopes(A, s->f_term[TERM(k - 1)], f_term);
-    apply_slopes(A, s->ramp_term[TERM(k - 1)], ramp_term);
+  KEEP(s->f_term[1], f);
+  KEEP(s->ramp_term[1], ramp);
+  for (int k = 2; k <= s->order; ++k) {
+    apply_slopes(A, f, next);
+    for (int i = 0; i < NX; ++i) out->from_f[i] += f[i] = next[i] * (step / (scalar)k);
+    KEEP(s->f_term[k], f);
+  }
+  for (int k = 2; k <= s->order && s->with_ramp; ++k) {
+    apply_slopes(A, ramp, next);
     for (int i = 0; i < NX; ++i) {
-      out->from_f[i] += f_term[i] *= step / (scalar)k;
-      out->ramp_rate[i] += ramp_term[i] *= step / (scalar)k;
-      out->from_ramp[i] += ramp_term[i] * (step / (scalar)(k + 1));
+      out->ramp_rate[i] += ramp[i] = next[i] * (step / (scalar)k);
+      out->from_ramp[i] += ramp[i] * (step / (scalar)(k + 1));
     }
+    KEEP(s->ramp_term[k], ramp);
   }
-  if (!s->with_Q) return;
-  memcpy(s->nested[TERM(s->order)], D, sizeof(real) * XX);
+}
+
+static WHOLE void series_of_Q(Substep *s, scalar step, const real *D, real *Q) {
+  const real *A = s->at.A;
+  real N[XX], product[XX];
+  for (int i = 0; i < XX; ++i) N[i] = D[i];
+  KEEP(s->nested[s->order], N);
   for (int k = s->order; k > 1; --k) {
-    real product[XX], *inner = s->nested[TERM(k - 1)];
-    multiply_slopes(A, s->nested[TERM(k)], step / (scalar)k, product);
+    multiply_slopes(A, N, step / (scalar)k, product);
     WRITTEN_OUT
     for (int i = 0; i < NX; ++i)
+      WRITTEN_OUT
       for (int j = 0; j <= i; ++j) {
-        inner[j * NX + i] = D[i * NX + j] + (product[i * NX + j] + product[j * NX + i]);
-        inner[i * NX + j] = inner[j * NX + i];
+        N[j * NX + i] = D[i * NX + j] + (product[i * NX + j] + product[j * NX + i]);
+        N[i * NX + j] = N[j * NX + i];
       }
+    KEEP(s->nested[k - 1], N);
   }
-  for (int i = 0; i < XX; ++i) out->Q[i] = step * s->nested[TERM(1)][i];
+  for (int i = 0; i < XX; ++i) Q[i] = step * N[i];
+}
+
+static void series(Substep *s, scalar step, const real *D) {
+  Solution *out = &s->level[0];
+  if (s->with_phi || s->doublings) series_of_phi(s, step, out->phi);
+  if (s->with_mean) series_of_mean(s, step, out);
+  if (s->with_Q) series_of_Q(s, step, D, out->Q);
 }
 
 static void twice(const Substep *s, const Solution *a, scalar length, int with_phi, Solution *b) {
@@ -260,6 +306,7 @@ static void twice(const Substep *s, const Solution *a, scalar length, int with_p
     b->from_ramp[i] = a->from_ramp[i] + length * a->ramp_rate[i];
   }
   add_applied(a->phi, a->from_f, b->from_f);
+  if (!s->with_ramp) return;
   add_applied(a->phi, a->ramp_rate, b->ramp_rate);
   add_applied(a->phi, a->from_ramp, b->from_ramp);
 }
@@ -284,6 +331,7 @@ static int solve_substep(Substep *s, const scalar *q, scalar h) {
     ++s->doublings;
   }
   if (s->with_Q) diffusion(s->at.G, q, D);
+  s->with_ramp = moves(s->at.ramp);
   s->order = order_of(s->with_Q ? 2.0 * size : size);
   s->length[0] = step;
   series(s, step, D);
