@@ -49,10 +49,23 @@ enum { DONE = 0, NOT_FINITE = 3, NO_MEMORY = 4, SINGULAR_INNOVATION = 5 };
 enum { ORDER = 12, MOST_DOUBLINGS = 60 };
 #ifdef EVERY_LEVEL
 enum { LEVELS = MOST_DOUBLINGS + 1 };
-#define KEEP(term, value) memcpy(term, value, sizeof(value))
 #else
 enum { LEVELS = 2 };
-#define KEEP(term, value)
+#endif
+/* A term of a series, which the next one is made of: all are kept, or two at a time, in registers if these suffice. */
+#ifdef EVERY_LEVEL
+#define ROOM(term, n)
+#define NEW(term, k) s->term[k]
+#define OLD(term, k) s->term[k]
+#define AGE(term, n)
+#define HAS_RAMP(s) 1
+#else
+#define HAS_RAMP(s) (s)->with_ramp
+#define ROOM(term, n) real new_##term[n], old_##term[n]
+#define NEW(term, k) new_##term
+#define OLD(term, k) old_##term
+#define AGE(term, n) \
+  for (int i = 0; i < (n); ++i) old_##term[i] = new_##term[i]
 #endif
 static const scalar RADIUS = 0.25; /* |A| s stays below: ORDER terms leave out less than 1e-13 */
 /* Terms of a series below this share of the first are left out. */
@@ -175,7 +188,9 @@ typedef struct {
 #endif
   int with_Q, with_mean; /* what is wanted: the covariance, the mean */
   int with_phi; /* the transition is wanted also where no doubling needs it */
+#ifndef EVERY_LEVEL
   int with_ramp; /* the right-hand side changes with time by itself, or by inputs between samples */
+#endif
   int order; /* terms of the series */
   scalar length[MOST_DOUBLINGS + 1];
   Solution level[LEVELS];
@@ -203,17 +218,14 @@ static scalar norm(const real *A) {
   return most < most_of_columns ? most : most_of_columns;
 }
 
+#ifndef EVERY_LEVEL
 /* Whether the ramp changes anything; differentials of the series need its terms in any case. */
 static int moves(const real *ramp) {
-#ifdef EVERY_LEVEL
-  (void)ramp;
-  return 1;
-#else
   real largest = {0};
   for (int i = 0; i < NX; ++i) largest = GREATER(largest, MAGNITUDE(ramp[i]));
   return LARGEST(largest) > 0;
-#endif
 }
+#endif
 
 static void diffusion(const real *G, const scalar *q, real *D) {
   for (int i = 0; i < NX; ++i)
@@ -227,61 +239,60 @@ static void diffusion(const real *G, const scalar *q, real *D) {
 /* exp(A step) */
 static WHOLE void series_of_phi(Substep *s, scalar step, real *phi) {
   const real *A = s->at.A;
-  real H[XX], next[XX];
-  for (int i = 0; i < XX; ++i) H[i] = A[i] * (step / (scalar)s->order);
-  for (int i = 0; i < NX; ++i) H[i * NX + i] += (scalar)1;
-  KEEP(s->horner[s->order], H);
+  ROOM(horner, XX);
+  for (int i = 0; i < XX; ++i) NEW(horner, s->order)[i] = A[i] * (step / (scalar)s->order);
+  for (int i = 0; i < NX; ++i) NEW(horner, s->order)[i * NX + i] += (scalar)1;
+  AGE(horner, XX);
   for (int k = s->order - 1; k > 0; --k) {
-    multiply_slopes(A, H, step / (scalar)k, next);
-    for (int i = 0; i < NX; ++i) next[i * NX + i] += (scalar)1;
-    for (int i = 0; i < XX; ++i) H[i] = next[i];
-    KEEP(s->horner[k], H);
+    multiply_slopes(A, OLD(horner, k + 1), step / (scalar)k, NEW(horner, k));
+    for (int i = 0; i < NX; ++i) NEW(horner, k)[i * NX + i] += (scalar)1;
+    AGE(horner, XX);
   }
-  for (int i = 0; i < XX; ++i) phi[i] = H[i];
+  memcpy(phi, OLD(horner, 1), sizeof(real) * XX);
 }
 
 static WHOLE void series_of_mean(Substep *s, scalar step, Solution *out) {
   const real *A = s->at.A;
-  real f[NX], ramp[NX], next[NX];
+  ROOM(f_term, NX);
+  ROOM(ramp_term, NX);
   for (int i = 0; i < NX; ++i) {
-    out->from_f[i] = f[i] = step * s->at.f[i];
-    out->ramp_rate[i] = ramp[i] = step * s->at.ramp[i];
-    out->from_ramp[i] = (scalar)0.5 * step * ramp[i];
+    out->from_f[i] = NEW(f_term, 1)[i] = step * s->at.f[i];
+    out->ramp_rate[i] = NEW(ramp_term, 1)[i] = step * s->at.ramp[i];
+    out->from_ramp[i] = (scalar)0.5 * step * NEW(ramp_term, 1)[i];
   }
-  KEEP(s->f_term[1], f);
-  KEEP(s->ramp_term[1], ramp);
+  AGE(f_term, NX);
+  AGE(ramp_term, NX);
   for (int k = 2; k <= s->order; ++k) {
-    apply_slopes(A, f, next);
-    for (int i = 0; i < NX; ++i) out->from_f[i] += f[i] = next[i] * (step / (scalar)k);
-    KEEP(s->f_term[k], f);
-  }
-  for (int k = 2; k <= s->order && s->with_ramp; ++k) {
-    apply_slopes(A, ramp, next);
+    apply_slopes(A, OLD(f_term, k - 1), NEW(f_term, k));
+    if (HAS_RAMP(s)) apply_slopes(A, OLD(ramp_term, k - 1), NEW(ramp_term, k));
+    for (int i = 0; i < NX; ++i) out->from_f[i] += NEW(f_term, k)[i] *= step / (scalar)k;
+    AGE(f_term, NX);
+    if (!HAS_RAMP(s)) continue;
     for (int i = 0; i < NX; ++i) {
-      out->ramp_rate[i] += ramp[i] = next[i] * (step / (scalar)k);
-      out->from_ramp[i] += ramp[i] * (step / (scalar)(k + 1));
+      out->ramp_rate[i] += NEW(ramp_term, k)[i] *= step / (scalar)k;
+      out->from_ramp[i] += NEW(ramp_term, k)[i] * (step / (scalar)(k + 1));
     }
-    KEEP(s->ramp_term[k], ramp);
+    AGE(ramp_term, NX);
   }
 }
 
 static WHOLE void series_of_Q(Substep *s, scalar step, const real *D, real *Q) {
   const real *A = s->at.A;
-  real N[XX], product[XX];
-  for (int i = 0; i < XX; ++i) N[i] = D[i];
-  KEEP(s->nested[s->order], N);
+  real product[XX];
+  ROOM(nested, XX);
+  for (int i = 0; i < XX; ++i) NEW(nested, s->order)[i] = D[i];
+  AGE(nested, XX);
   for (int k = s->order; k > 1; --k) {
-    multiply_slopes(A, N, step / (scalar)k, product);
+    multiply_slopes(A, OLD(nested, k), step / (scalar)k, product);
     WRITTEN_OUT
     for (int i = 0; i < NX; ++i)
-      WRITTEN_OUT
       for (int j = 0; j <= i; ++j) {
-        N[j * NX + i] = D[i * NX + j] + (product[i * NX + j] + product[j * NX + i]);
-        N[i * NX + j] = N[j * NX + i];
+        NEW(nested, k - 1)[j * NX + i] = D[i * NX + j] + (product[i * NX + j] + product[j * NX + i]);
+        NEW(nested, k - 1)[i * NX + j] = NEW(nested, k - 1)[j * NX + i];
       }
-    KEEP(s->nested[k - 1], N);
+    AGE(nested, XX);
   }
-  for (int i = 0; i < XX; ++i) Q[i] = step * N[i];
+  for (int i = 0; i < XX; ++i) Q[i] = step * OLD(nested, 1)[i];
 }
 
 static void series(Substep *s, scalar step, const real *D) {
@@ -306,7 +317,7 @@ static void twice(const Substep *s, const Solution *a, scalar length, int with_p
     b->from_ramp[i] = a->from_ramp[i] + length * a->ramp_rate[i];
   }
   add_applied(a->phi, a->from_f, b->from_f);
-  if (!s->with_ramp) return;
+  if (!HAS_RAMP(s)) return;
   add_applied(a->phi, a->ramp_rate, b->ramp_rate);
   add_applied(a->phi, a->from_ramp, b->from_ramp);
 }
@@ -331,7 +342,9 @@ static int solve_substep(Substep *s, const scalar *q, scalar h) {
     ++s->doublings;
   }
   if (s->with_Q) diffusion(s->at.G, q, D);
+#ifndef EVERY_LEVEL
   s->with_ramp = moves(s->at.ramp);
+#endif
   s->order = order_of(s->with_Q ? 2.0 * size : size);
   s->length[0] = step;
   series(s, step, D);
