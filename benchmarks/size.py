@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 import scipy.linalg as sla
 import scipy.sparse as sp
+from trains import train
 
 import daest
 from daest.machine import described
@@ -33,7 +34,12 @@ SIZES = {
     "Grid": (4, 7, 9, 12, 18, 21, 29, 46, 66),
     "Rigid": (14, 72, 143, 286, 1428),
     "Gears": (10, 50, 99, 198, 714),
+    "long chain": (118, 294, 588, 1176, 2941, 5882),
+    "rigid train": (72, 143, 286, 714),
 }
+TRAINS = {"long chain": "Chain", "rigid train": "Rigid"}
+"""Models that are written down as equations, without the Modelica compiler."""
+
 ABOVE_FINITE = 1e9
 """Eigenvalues of a scaled pencil beyond this size count as infinite in ordered QZ: it has no better way."""
 
@@ -51,6 +57,9 @@ LONGEST = 60.0
 
 
 def model(name: str, n: int) -> daest.LinearDAE:
+    """A compiled model, or one of `TRAINS` as equations."""
+    if name in TRAINS:
+        return daest.linearize(train(TRAINS[name], n))
     return daest.linearize(daest.compile_model(MODELS / f"{name}.mo", overrides={"n": n}))
 
 

@@ -259,22 +259,36 @@ def process_rows(folder: Path, repeat: int) -> Iterator[Row]:
     fmu = folder / "servo.fmu"
     process(["-m", "daest", "export", str(EXAMPLE), "-o", str(fmu)])()
     words = {"_DAEST_COMPLETE": "bash_complete", "COMP_WORDS": "daest identify --esti", "COMP_CWORD": "2"}
+    linearize = ["-m", "daest", "linearize", str(fmu)]
     runs = [
         process(["-c", "import numpy, scipy.linalg, scipy.sparse, casadi"]),
-        process(["-m", "daest", "linearize", str(fmu)]),
+        with_empty_cache(linearize, folder / "emptied"),
+        process(linearize, DAEST_CACHE=str(folder / "filled")),
         process(["-m", "daest"], **words),
         process(["-m", "daest", "--help"]),
     ]
     runs.append(process(["-m", "daest", "linearize", str(with_many_variables(fmu, folder / "many.fmu"))]))
     loads, *found = children(runs, repeat)
     names = (
-        "`daest linearize servo.fmu`",
+        "`daest linearize servo.fmu`, first",
+        "`daest linearize servo.fmu`, again",
         "one Tab",
         "`daest --help`",
         f"the same FMU with {MANY} variables",
     )
     for name, seconds in zip(names, found, strict=True):
         yield Row(f"{name}, whole process", "s", seconds, "loading the libraries", loads)
+
+
+def with_empty_cache(arguments: list[str], cache: Path) -> Callable[[], object]:
+    """A process that finds nothing of an earlier one."""
+    run = process(arguments, DAEST_CACHE=str(cache))
+
+    def run_afresh() -> object:
+        shutil.rmtree(cache, ignore_errors=True)
+        return run()
+
+    return run_afresh
 
 
 def with_many_variables(fmu: Path, target: Path) -> Path:

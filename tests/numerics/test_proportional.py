@@ -82,3 +82,16 @@ def test_products_with_groups():
         assert set(np.flatnonzero(exact[:, 2])) <= set(rows.tolist())
         norms = np.linalg.norm(left[:, None] * exact * right, axis=0)
         np.testing.assert_allclose(column_norms(matrix, left, right), norms, rtol=1e-14)
+
+
+def test_places_in_large_matrices_beyond_32_bits():
+    """x' = -x with 50 000 names for x: places in an n x n matrix exceed the 32 bits of indices."""
+    n = 50_000
+    E = sp.csr_array(sp.diags_array(np.append(np.zeros(n - 1), 1.0)))
+    J = sp.csr_array(sp.diags_array([np.append(np.ones(n - 1), -1.0), -np.ones(n - 1)], offsets=[0, 1]))
+    for matrix in (E, J):
+        matrix.indices, matrix.indptr = matrix.indices.astype(np.int32), matrix.indptr.astype(np.int32)
+    found = proportional_rows(E, J)
+    assert not found.group.any()
+    assert np.array_equal(found.factor, np.ones(n))
+    assert found.representatives.size == 1

@@ -134,17 +134,18 @@ def _usual_mode(path: Path) -> int:
 PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of Linux
 POLL_SECONDS = 0.5  # between two looks at whether the parent lives, where the system does not tell
 _SWEEPER = """
-import json, os, shutil, signal, sys
+import os, signal, sys
 for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
     signal.signal(number, signal.SIG_IGN)
 os.chdir("/")
 known = {}
 for line in sys.stdin:
-    is_there, kind, what = json.loads(line)
-    if is_there:
-        known[kind, what] = None
+    if line[0] == "+":
+        known[line[1:]] = None
     else:
-        known.pop((kind, what), None)
+        known.pop(line[1:], None)
+if known:  # these two take longer than all else
+    import json, shutil
 def end_marked(mark):
     for name in os.listdir("/proc") if os.path.isdir("/proc") else ():
         try:
@@ -153,7 +154,8 @@ def end_marked(mark):
                     os.kill(int(name), signal.SIGKILL)
         except OSError:
             pass
-for kind, what in reversed(list(known)):
+for line in reversed(list(known)):
+    kind, what = json.loads(line)
     try:
         if kind == "marked":
             end_marked(what)
@@ -267,7 +269,7 @@ _pipe: tuple[int, int] | None = None  # this process, and the end of the pipe th
 def _tell(is_there: bool, kind: Literal["path", "group", "marked"], what: str | int) -> None:
     if not hasattr(os, "posix_spawn"):
         return
-    line = json.dumps([is_there, kind, what]).encode() + b"\n"
+    line = f"{'+' if is_there else '-'}{json.dumps([kind, what])}\n".encode()
     with _lock, contextlib.suppress(OSError):  # without it litter may stay, which is no reason to fail
         os.write(_sweeper(), line)
 

@@ -78,7 +78,8 @@ def load_linear(
 def _of_fmu(
     source: Path, values: Mapping[str, float], point: Mapping[str, float] | None, route: str | None
 ) -> Linear:
-    from daest.fmu.linearize import cross_check_fmu, linearize_fmu
+    from daest.fmu.kept_check import kept_cross_check
+    from daest.fmu.linearize import linearize_fmu
     from daest.fmu.load import load_fmu, symbolic_model
 
     model = load_fmu(source)
@@ -87,7 +88,7 @@ def _of_fmu(
     _check_names(values, names, source)
     theta = np.array([values.get(name, start) for name, start in zip(names, starts, strict=True)])
     dae = linearize_fmu(source, theta, point, route)
-    return Linear(dae, symbolic_model(source), point, cross_check_fmu(source, theta, point, [dae]))
+    return Linear(dae, symbolic_model(source), point, kept_cross_check(source, theta, point, [dae]))
 
 
 def _check_names(values: Mapping[str, float], names: Sequence[str], source: Path) -> None:

@@ -123,7 +123,9 @@ def main() -> NoReturn:
     for name in ("SIGTERM", "SIGHUP"):  # a program that is asked to end tidies up as after Ctrl-C
         if hasattr(signal, name) and signal.getsignal(getattr(signal, name)) is signal.SIG_DFL:
             signal.signal(getattr(signal, name), _interrupted)
-    sys.exit(run(sys.argv[1:]))
+    status = run(sys.argv[1:])
+    gc.freeze()  # what is left is not worth a last search, which takes as long as loading a library
+    sys.exit(status)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -6,7 +6,6 @@ Only small files are read, so that a Tab takes no longer than the interpreter.
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -39,12 +38,18 @@ def _table(content: dict[str, Any], *keys: str) -> list[str]:
     return list(content)
 
 
+def _project() -> dict[str, Any]:
+    import tomllib  # only a Tab waits for it
+
+    return _read(PROJECT, tomllib.loads)
+
+
 def _parameters() -> list[str]:
-    return _table(_read(PROJECT, tomllib.loads), "parameters")
+    return _table(_project(), "parameters")
 
 
 def _outputs() -> list[str]:
-    return _table(_read(PROJECT, tomllib.loads), "data", "outputs")
+    return _table(_project(), "data", "outputs")
 
 
 def _places() -> list[str]:

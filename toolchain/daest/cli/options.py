@@ -70,9 +70,11 @@ def one_of(names: Callable[[], Iterable[str]]) -> Callable[..., list[str]]:
 
 def hold_form(_ctx: click.Context, parameter: click.Parameter, given: str | None) -> str | None:
     """A hold as `daest.model.holds` defines it; whether its names are inputs is seen with the model."""
+    if given is None:
+        return None  # a Tab need not wait for NumPy
     from daest.model.holds import is_hold
 
-    if given is not None and not is_hold(given):
+    if not is_hold(given):
         raise click.BadParameter(f"'{given}' is none of zoh, foh and zoh(NAME, ...).", param=parameter)
     return given
 

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from daest.errors import ConfigError, DataError
-from daest.model.experiment import Experiment
 from daest.model.holds import FOH, ZOH, Hold, held_inputs
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
     from scipy.interpolate import CubicSpline
+
+    from daest.model.experiment import Experiment
 
 # Time stamps this near (in periods) to a uniform grid are rounding or jitter of the clock, not information.
 GRID_TOLERANCE = 1e-3

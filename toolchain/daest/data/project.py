@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -152,6 +151,8 @@ def _decoded(file: Path) -> str:
 
 
 def _parsed(file: Path, text: str) -> dict[str, Any]:
+    import tomllib  # which a command without daest.toml need not wait for
+
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -12,13 +12,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from daest.errors import DaestError, DataError, Place
-from daest.model.experiment import Finding, Level
 from daest.quantities import conversion, dimensions, is_known_unit
+
+if TYPE_CHECKING:
+    from daest.model.experiment import Finding, Level
 
 # `x[1]` is an array element, `x[1] [V]` and `T[degC]` carry a unit: a unit stands behind a space, or is no
 # number. In round brackets (`speed (rad/s)`), behind a slash (`U/V`, `v / (m/s)`) or behind "in" (`t in s`),
@@ -281,6 +283,8 @@ def unit_findings(column: Column) -> list[Finding]:
         f"has no unit and is read as seconds: a step is {step:g} s; if it counts something else, call it "
         f"'{column.name} [ms]' or write [data.units] {column.name} = \"ms\" in daest.toml"
     )
+    from daest.model.experiment import Finding
+
     level: Level = "note" if time_unit(column) is not None else "warning"
     return [Finding("check-time-unit", level, column.name, text)]
 

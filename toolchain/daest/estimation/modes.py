@@ -15,6 +15,7 @@ from daest.model.linear import DiscreteModel
 Models = DiscreteModel | Sequence[DiscreteModel] | Mapping[float, DiscreteModel]
 
 LONG_RUN = 64  # samples with the same matrices that are worth a treatment of their own
+FEW_COLUMNS = 8  # of many small matrices, which are summed one after the other
 
 
 def models_by_interval(model: Models, time: np.ndarray) -> tuple[list[DiscreteModel], np.ndarray]:
@@ -101,7 +102,20 @@ def by_index(matrices: np.ndarray, index: np.ndarray, rows: np.ndarray) -> np.nd
     for begin, end in zip(starts[is_long], stops[is_long], strict=True):
         result[begin:end] = rows[begin:end] @ matrices[index[begin]].T
     short = np.repeat(~is_long, stops - starts)
-    result[short] = np.einsum("kij,kj->ki", matrices[index[short]], rows[short])
+    if np.all(short) and np.array_equal(index, np.arange(matrices.shape[0])):
+        return _each(matrices, rows)  # one matrix for each sample, as in a transient: none is copied
+    result[short] = _each(matrices[index[short]], rows[short])
+    return result
+
+
+def _each(matrices: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """matrices[k] @ rows[k] for all k, (n_samples, m), column by column where these are few."""
+    n = rows.shape[1]
+    if not 0 < n <= FEW_COLUMNS:
+        return np.asarray(np.einsum("kij,kj->ki", matrices, rows))
+    result = matrices[:, :, 0] * rows[:, :1]
+    for j in range(1, n):
+        result += matrices[:, :, j] * rows[:, j : j + 1]
     return result
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -142,6 +141,8 @@ def _text(value: object) -> str:
 
 def _html(listing: Listing) -> str:
     """A table with everything escaped; sizes and colours are the notebook's."""
+    from html import escape
+
     head = "".join(f"<th>{escape(name)}</th>" for name in listing.columns)
     body = "".join(
         "<tr>" + "".join(f"<td>{escape(_text(value))}</td>" for value in row) + "</tr>"

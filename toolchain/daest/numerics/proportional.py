@@ -77,7 +77,8 @@ def _short_equations(
     silent = entries.is_mixed.copy()
     silent[entries.row[(own < 0) & (entries.power == 1)]] = True  # s times a constant is no power of s alone
     used = own >= 0
-    key = (entries.row[used] * group.size + own[used]) * 2 + entries.power[used]
+    # Sparse matrices count in 32 bits, which these numbers exceed from 46 341 equations on.
+    key = (entries.row[used].astype(np.int64) * group.size + own[used]) * 2 + entries.power[used]
     value = entries.value[used] * factor[entries.column[used]]
     key, place = np.unique(key, return_inverse=True)
     total = np.bincount(place, value, minlength=key.size)

@@ -38,12 +38,34 @@ static const unsigned char HAS_SLOPE[] = {SLOPES};
 #define WRITTEN_OUT
 #endif
 
+/* Small products are part of what calls them, so that their numbers stay in registers. */
+#if defined(__GNUC__) && NX <= 8
+#define WHOLE inline __attribute__((always_inline))
+#else
+#define WHOLE
+#endif
+
 enum { DONE = 0, NOT_FINITE = 3, NO_MEMORY = 4, SINGULAR_INNOVATION = 5 };
 enum { ORDER = 12, MOST_DOUBLINGS = 60 };
 #ifdef EVERY_LEVEL
-enum { LEVELS = MOST_DOUBLINGS + 1, TERMS = ORDER + 1 };
+enum { LEVELS = MOST_DOUBLINGS + 1 };
 #else
-enum { LEVELS = 2, TERMS = 2 };
+enum { LEVELS = 2 };
+#endif
+/* A term of a series, which the next one is made of: all are kept, or two at a time, in registers if these suffice. */
+#ifdef EVERY_LEVEL
+#define ROOM(term, n)
+#define NEW(term, k) s->term[k]
+#define OLD(term, k) s->term[k]
+#define AGE(term, n)
+#define HAS_RAMP(s) 1
+#else
+#define HAS_RAMP(s) (s)->with_ramp
+#define ROOM(term, n) real new_##term[n], old_##term[n]
+#define NEW(term, k) new_##term
+#define OLD(term, k) old_##term
+#define AGE(term, n) \
+  for (int i = 0; i < (n); ++i) old_##term[i] = new_##term[i]
 #endif
 static const scalar RADIUS = 0.25; /* |A| s stays below: ORDER terms leave out less than 1e-13 */
 /* Terms of a series below this share of the first are left out. */
@@ -71,7 +93,7 @@ static int all_finite(const real *v, int n) {
 
 /* ---- small dense algebra, NX x NX ---- */
 
-static void multiply(const real *a, const real *b, real *c) {
+static WHOLE void multiply(const real *a, const real *b, real *c) {
   for (int i = 0; i < NX; ++i) {
     real row[NX] = {0};
     for (int k = 0; k < NX; ++k)
@@ -81,7 +103,7 @@ static void multiply(const real *a, const real *b, real *c) {
 }
 
 /* c = factor A b with the slopes A */
-static void multiply_slopes(const real *A, const real *b, scalar factor, real *c) {
+static WHOLE void multiply_slopes(const real *A, const real *b, scalar factor, real *c) {
   WRITTEN_OUT
   for (int i = 0; i < NX; ++i) {
     real row[NX] = {0};
@@ -93,7 +115,7 @@ static void multiply_slopes(const real *A, const real *b, scalar factor, real *c
   }
 }
 
-static void apply_slopes(const real *A, const real *v, real *out) {
+static WHOLE void apply_slopes(const real *A, const real *v, real *out) {
   WRITTEN_OUT
   for (int i = 0; i < NX; ++i) {
     real sum = {0};
@@ -113,7 +135,7 @@ static void add_product(const real *a, const real *b, real *c) {
 #endif
 
 /* c += a b', which is symmetric */
-static void add_symmetric(const real *a, const real *b, real *c) {
+static WHOLE void add_symmetric(const real *a, const real *b, real *c) {
   WRITTEN_OUT
   for (int i = 0; i < NX; ++i)
     for (int j = 0; j <= i; ++j) {
@@ -132,7 +154,7 @@ static void apply(const real *a, const real *v, real *out) {
   }
 }
 
-static void add_applied(const real *a, const real *v, real *out) {
+static WHOLE void add_applied(const real *a, const real *v, real *out) {
   for (int i = 0; i < NX; ++i) {
     real sum = out[i];
     for (int k = 0; k < NX; ++k) sum += a[i * NX + k] * v[k];
@@ -160,9 +182,15 @@ typedef struct {
 /* Everything that the differential of a substep needs again. */
 typedef struct {
   Slopes at;
-  real horner[TERMS][XX], f_term[TERMS][NX], ramp_term[TERMS][NX], nested[TERMS][XX]; /* Q = step nested[1] */
+#ifdef EVERY_LEVEL
+  real horner[ORDER + 1][XX], f_term[ORDER + 1][NX], ramp_term[ORDER + 1][NX];
+  real nested[ORDER + 1][XX]; /* Q = step nested[1] */
+#endif
   int with_Q, with_mean; /* what is wanted: the covariance, the mean */
   int with_phi; /* the transition is wanted also where no doubling needs it */
+#ifndef EVERY_LEVEL
+  int with_ramp; /* the right-hand side changes with time by itself, or by inputs between samples */
+#endif
   int order; /* terms of the series */
   scalar length[MOST_DOUBLINGS + 1];
   Solution level[LEVELS];
@@ -171,8 +199,6 @@ typedef struct {
 
 /* Solution after d doublings. */
 #define LEVEL(s, d) (&(s)->level[(d) % LEVELS])
-/* Where the term k of a series stands. */
-#define TERM(k) ((k) % TERMS)
 
 /* The smaller of the largest sums of a row and of a column: either bounds all terms of the series. */
 static scalar norm(const real *A) {
@@ -192,6 +218,15 @@ static scalar norm(const real *A) {
   return most < most_of_columns ? most : most_of_columns;
 }
 
+#ifndef EVERY_LEVEL
+/* Whether the ramp changes anything; differentials of the series need its terms in any case. */
+static int moves(const real *ramp) {
+  real largest = {0};
+  for (int i = 0; i < NX; ++i) largest = GREATER(largest, MAGNITUDE(ramp[i]));
+  return LARGEST(largest) > 0;
+}
+#endif
+
 static void diffusion(const real *G, const scalar *q, real *D) {
   for (int i = 0; i < NX; ++i)
     for (int j = 0; j < NX; ++j) {
@@ -201,48 +236,70 @@ static void diffusion(const real *G, const scalar *q, real *D) {
     }
 }
 
-static void series(Substep *s, scalar step, const real *D) {
+/* exp(A step) */
+static WHOLE void series_of_phi(Substep *s, scalar step, real *phi) {
   const real *A = s->at.A;
-  Solution *out = &s->level[0];
-  if (s->with_phi || s->doublings) {
-    real *H = s->horner[TERM(s->order)];
-    for (int i = 0; i < XX; ++i) H[i] = A[i] * (step / (scalar)s->order);
-    for (int i = 0; i < NX; ++i) H[i * NX + i] += (scalar)1;
-    for (int k = s->order - 1; k > 0; --k) {
-      H = s->horner[TERM(k)];
-      multiply_slopes(A, s->horner[TERM(k + 1)], step / (scalar)k, H);
-      for (int i = 0; i < NX; ++i) H[i * NX + i] += (scalar)1;
-    }
-    memcpy(out->phi, H, sizeof out->phi);
+  ROOM(horner, XX);
+  for (int i = 0; i < XX; ++i) NEW(horner, s->order)[i] = A[i] * (step / (scalar)s->order);
+  for (int i = 0; i < NX; ++i) NEW(horner, s->order)[i * NX + i] += (scalar)1;
+  AGE(horner, XX);
+  for (int k = s->order - 1; k > 0; --k) {
+    multiply_slopes(A, OLD(horner, k + 1), step / (scalar)k, NEW(horner, k));
+    for (int i = 0; i < NX; ++i) NEW(horner, k)[i * NX + i] += (scalar)1;
+    AGE(horner, XX);
   }
-  for (int i = 0; i < NX && s->with_mean; ++i) {
-    out->from_f[i] = s->f_term[TERM(1)][i] = step * s->at.f[i];
-    out->ramp_rate[i] = s->ramp_term[TERM(1)][i] = step * s->at.ramp[i];
-    out->from_ramp[i] = (scalar)0.5 * step * s->ramp_term[TERM(1)][i];
+  memcpy(phi, OLD(horner, 1), sizeof(real) * XX);
+}
+
+static WHOLE void series_of_mean(Substep *s, scalar step, Solution *out) {
+  const real *A = s->at.A;
+  ROOM(f_term, NX);
+  ROOM(ramp_term, NX);
+  for (int i = 0; i < NX; ++i) {
+    out->from_f[i] = NEW(f_term, 1)[i] = step * s->at.f[i];
+    out->ramp_rate[i] = NEW(ramp_term, 1)[i] = step * s->at.ramp[i];
+    out->from_ramp[i] = (scalar)0.5 * step * NEW(ramp_term, 1)[i];
   }
-  for (int k = 2; k <= s->order && s->with_mean; ++k) {
-    real *f_term = s->f_term[TERM(k)], *ramp_term = s->ramp_term[TERM(k)];
-    apply_slopes(A, s->f_term[TERM(k - 1)], f_term);
-    apply_slopes(A, s->ramp_term[TERM(k - 1)], ramp_term);
+  AGE(f_term, NX);
+  AGE(ramp_term, NX);
+  for (int k = 2; k <= s->order; ++k) {
+    apply_slopes(A, OLD(f_term, k - 1), NEW(f_term, k));
+    if (HAS_RAMP(s)) apply_slopes(A, OLD(ramp_term, k - 1), NEW(ramp_term, k));
+    for (int i = 0; i < NX; ++i) out->from_f[i] += NEW(f_term, k)[i] *= step / (scalar)k;
+    AGE(f_term, NX);
+    if (!HAS_RAMP(s)) continue;
     for (int i = 0; i < NX; ++i) {
-      out->from_f[i] += f_term[i] *= step / (scalar)k;
-      out->ramp_rate[i] += ramp_term[i] *= step / (scalar)k;
-      out->from_ramp[i] += ramp_term[i] * (step / (scalar)(k + 1));
+      out->ramp_rate[i] += NEW(ramp_term, k)[i] *= step / (scalar)k;
+      out->from_ramp[i] += NEW(ramp_term, k)[i] * (step / (scalar)(k + 1));
     }
+    AGE(ramp_term, NX);
   }
-  if (!s->with_Q) return;
-  memcpy(s->nested[TERM(s->order)], D, sizeof(real) * XX);
+}
+
+static WHOLE void series_of_Q(Substep *s, scalar step, const real *D, real *Q) {
+  const real *A = s->at.A;
+  real product[XX];
+  ROOM(nested, XX);
+  for (int i = 0; i < XX; ++i) NEW(nested, s->order)[i] = D[i];
+  AGE(nested, XX);
   for (int k = s->order; k > 1; --k) {
-    real product[XX], *inner = s->nested[TERM(k - 1)];
-    multiply_slopes(A, s->nested[TERM(k)], step / (scalar)k, product);
+    multiply_slopes(A, OLD(nested, k), step / (scalar)k, product);
     WRITTEN_OUT
     for (int i = 0; i < NX; ++i)
       for (int j = 0; j <= i; ++j) {
-        inner[j * NX + i] = D[i * NX + j] + (product[i * NX + j] + product[j * NX + i]);
-        inner[i * NX + j] = inner[j * NX + i];
+        NEW(nested, k - 1)[j * NX + i] = D[i * NX + j] + (product[i * NX + j] + product[j * NX + i]);
+        NEW(nested, k - 1)[i * NX + j] = NEW(nested, k - 1)[j * NX + i];
       }
+    AGE(nested, XX);
   }
-  for (int i = 0; i < XX; ++i) out->Q[i] = step * s->nested[TERM(1)][i];
+  for (int i = 0; i < XX; ++i) Q[i] = step * OLD(nested, 1)[i];
+}
+
+static void series(Substep *s, scalar step, const real *D) {
+  Solution *out = &s->level[0];
+  if (s->with_phi || s->doublings) series_of_phi(s, step, out->phi);
+  if (s->with_mean) series_of_mean(s, step, out);
+  if (s->with_Q) series_of_Q(s, step, D, out->Q);
 }
 
 static void twice(const Substep *s, const Solution *a, scalar length, int with_phi, Solution *b) {
@@ -260,6 +317,7 @@ static void twice(const Substep *s, const Solution *a, scalar length, int with_p
     b->from_ramp[i] = a->from_ramp[i] + length * a->ramp_rate[i];
   }
   add_applied(a->phi, a->from_f, b->from_f);
+  if (!HAS_RAMP(s)) return;
   add_applied(a->phi, a->ramp_rate, b->ramp_rate);
   add_applied(a->phi, a->from_ramp, b->from_ramp);
 }
@@ -284,6 +342,9 @@ static int solve_substep(Substep *s, const scalar *q, scalar h) {
     ++s->doublings;
   }
   if (s->with_Q) diffusion(s->at.G, q, D);
+#ifndef EVERY_LEVEL
+  s->with_ramp = moves(s->at.ramp);
+#endif
   s->order = order_of(s->with_Q ? 2.0 * size : size);
   s->length[0] = step;
   series(s, step, D);

@@ -26,8 +26,16 @@ DENSE_SHARE = 0.05
 CHUNK = 256
 """Columns that are projected at a time."""
 
-SELECTED = 2000
+SELECTED = 200
 """From so many columns on the lengths of their projections are diagonal entries of an inverse."""
+
+WORTH_FEWER = 0.9
+"""Where the rank of T is below this part of its columns, as many columns take their place: dense algebra
+grows with the third power of their number."""
+
+LARGEST_SHARE, LEFT_OVER = 10.0, 1e-13
+"""Columns are sums of others with factors up to the first; what is left of them is below the second part of
+the largest entry."""
 
 SMALL_SQUARE = 1e-6
 """Squares of lengths below this have lost digits: these columns are projected."""
@@ -203,11 +211,29 @@ def _singular_values(dae: LinearDAE, form: SparseForm, rank: int) -> np.ndarray:
     used = np.flatnonzero(largest_entries(T.core) > 0.0)
     left = _expansion(T.row_group, T.row_factor, T.core.shape[0])
     right = _expansion(T.column_group, T.column_factor, T.core.shape[1])[:, used].T @ sp.csr_array(dae.J)
-    reached = sp.csc_array(left @ T.core[:, used])
+    columns = sp.csc_array(T.core[:, used])
+    if rank < WORTH_FEWER * used.size:
+        columns, shares = _few_columns(columns)
+        right = sp.csr_array(shares @ right)
+    reached = sp.csc_array(left @ columns)
     left_gram = _full(_product(reached.T, reached)) - _inside(form.right_dynamic, reached)
     root = _root(right)
     squares = sla.eigvalsh(root.T @ left_gram @ root)[::-1]
     return np.sqrt(np.maximum(squares[:rank], 0.0))
+
+
+def _few_columns(matrix: sp.csc_array) -> tuple[sp.csc_array, sp.csr_array]:
+    """columns (m, r) and shares (r, n) with columns · shares = matrix (m, n): as many of its columns as its
+    rank, where that goes without large shares, else all."""
+    rows, chosen = independent_block(matrix)
+    whole = matrix, sp.csr_array(sp.eye_array(matrix.shape[1]))
+    if chosen.size in (0, matrix.shape[1]):
+        return whole
+    columns = sp.csc_array(matrix[:, chosen])
+    shares = sp.csr_array(spla.splu(sp.csc_array(columns[rows])).solve(matrix[rows].toarray()))
+    left = abs(columns @ shares - matrix).max()
+    is_good = abs(shares).max() <= LARGEST_SHARE and left <= LEFT_OVER * abs(matrix).max()
+    return (columns, shares) if is_good else whole
 
 
 def _root(rows: sp.csr_array) -> np.ndarray:

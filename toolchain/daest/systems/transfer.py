@@ -10,7 +10,7 @@ import scipy.linalg as sla
 from daest.model.linear import LinearDAE, Matrix, SparseForm, StandardForm
 from daest.numerics.exponential import balanced
 from daest.numerics.pencils import split_pencil
-from daest.systems.noise import in_outputs, noise_gains
+from daest.systems.noise_gains import in_outputs, noise_gains
 
 EXACT = 1e-10
 """Part of the norm of a channel's scaled matrices up to which a coupling counts as zero: it must be rounding,

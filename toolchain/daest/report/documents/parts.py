@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cache, reduce
 from types import UnionType
 from typing import (
+    TYPE_CHECKING,
     Annotated,
     Any,
     NotRequired,
@@ -23,10 +24,12 @@ from typing import (
 
 import numpy as np
 
-from daest.model.fit import Agreement
 from daest.model.linear import RankDecision
 from daest.model.parts import Equation
 from daest.numerics.ranks import warning
+
+if TYPE_CHECKING:
+    from daest.model.fit import Agreement
 
 ByOutput = dict[str, float | None]
 Entry = TypeVar("Entry")
