@@ -77,7 +77,6 @@ def test_k1_parameters_within_three_standard_errors(shared_data, method):
     std = {n.name: n for n in result.noises if n.kind == "measurement"}
     assert std["omega"].value == pytest.approx(0.02, abs=4 * std["omega"].std_error)
     assert std["phi"].value == pytest.approx(0.01, abs=4 * std["phi"].std_error)
-    assert result.seconds < 10.0
 
 
 def test_k1_resampled_to_the_report_s_period_keeps_its_fit(shared_data):

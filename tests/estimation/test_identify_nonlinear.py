@@ -79,7 +79,7 @@ def identified(experiments, method, intensity=np.nan, explicit=None, validation=
             method,
             np.array([intensity]),
             np.array([np.isnan(intensity)]),
-            np.ones(2), np.array([np.nan]),
+            np.array([np.nan]),
             IdentifyOptions(hold="zoh"),
             validation,
         ),

