@@ -19,6 +19,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from scipy.linalg import LinAlgWarning
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.black_box import diagnose_black_box
@@ -129,6 +130,7 @@ CURVE_SECONDS = 60.0  # and that it may take in any case
 LOOP = 3  # times the time of a run where a loop is solved by iterations at every point
 
 
+@threadpool_limits.wrap(limits=1)  # many small matrices: a second thread only waits
 def diagnose(
     flat: Model,
     library: Sequence[Effect],

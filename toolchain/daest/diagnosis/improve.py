@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.diagnosis.candidates import fed
 from daest.diagnosis.diagnose import (
@@ -98,6 +99,7 @@ class _Task:
     progress: Progress
 
 
+@threadpool_limits.wrap(limits=1)  # many small matrices: a second thread only waits
 def improve(
     flat: FlatModel,
     library: Sequence[Effect],
