@@ -12,7 +12,7 @@ from hidden_plants import library, model, quiet, rotor_null, rotor_record, rubbi
 from daest.data.prepare import resample
 from daest.diagnosis import null as nulls
 from daest.diagnosis.compare import compare_models
-from daest.diagnosis.diagnose import begin, better_hold, examine, without_noises
+from daest.diagnosis.diagnose import begin, better_hold, diagnose, examine, without_noises
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import fit_null, near_given, open_hold, period_of, refit, with_other_hold
@@ -135,8 +135,24 @@ def test_other_hold_is_taken_once_the_effect_shows_it():
     wrong = replace(stand, null=replace(stand.null, other_hold="zoh"))
     found = examine(wrong, some_effects("CoulombFriction"), DiagnoseOptions(jobs=1))
     assert found.proofs[0].verdict == "supported"
-    assert better_hold(wrong, found) == "zoh"
-    assert better_hold(stand, found) is None, "a hold that the user gave stays"
+    assert better_hold(wrong, found.proofs) == "zoh"
+    assert better_hold(stand, found.proofs) is None, "a hold that the user gave stays"
+
+
+def test_other_hold_is_seen_in_the_first_refits():
+    record, _ = rotor_record(1000, seed=5, coulomb=lambda phi: 0.15)
+    result = diagnose(model(), some_effects("CoulombFriction"), [record], (), DiagnoseOptions(jobs=1))
+    stand = begin(model(), [record], (), DiagnoseOptions(hold="foh", jobs=1))
+    seen = []
+
+    def watched(proofs):
+        seen.append([proof.candidate.label for proof in proofs])
+        raise StopIteration
+
+    with pytest.raises(StopIteration):
+        examine(stand, some_effects("CoulombFriction"), DiagnoseOptions(jobs=1), watched=watched)
+    assert seen == [["CoulombFriction at " + result.proofs[0].candidate.site.name]]
+    assert result.verdict == "supported" and result.baseline.hold == "zoh"
 
 
 def test_error_of_the_model_as_it_is_is_that_of_a_comparison_with_its_refitted_values():

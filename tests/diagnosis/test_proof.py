@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hidden_plants import model, quiet, rotor_record, rubbing, some_effects
 
+from daest.diagnosis import settled as settling
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.clipping import Clip, clips_of, with_clipped_sensors
 from daest.diagnosis.diagnose import _with_better_kinks, _with_second_tries, begin, reference_of
@@ -40,6 +41,7 @@ from daest.diagnosis.proof import (
     with_steady_error,
 )
 from daest.diagnosis.screen import law_response, run_null, screen
+from daest.diagnosis.settled import settled
 from daest.diagnosis.unseen import steady_misfit
 from daest.model.diagnosis import Ahead, Candidate, InUse, Screen, Screened
 from daest.model.experiment import Experiment
@@ -108,6 +110,44 @@ def test_richer_law_below_the_simple_one_is_judged_in_brief():
     assert below.verdict == "rejected" and below.reason == reason and below.left is None
     assert above.reason == full.reason and above.verdict == full.verdict
     assert above.final.theta == full.final.theta
+
+
+def test_richer_law_that_gains_less_than_its_parameters_cost_is_judged_in_brief():
+    stand, (prepared, full) = rubbing(), proved()
+    simple = further_ahead(full, -1.0)
+    run = run_null(stand.null)
+    given = (stand.null.experiments, stand.validation, run, None)
+
+    def after(ahead):
+        worth = replace(simple, delta_bic=full.delta_bic + ahead)
+        return prove(
+            stand.null, stand.baseline, replace(prepared, simpler=worth), *given, reference=stand.reference
+        )
+
+    costly, as_good = after(GATES.same_bic + 1.0), after(GATES.same_bic - 1.0)
+    assert costly.verdict == "rejected" and not costly.is_open
+    assert costly.reason == f"{simple.candidate.label} says nearly as much with fewer parameters"
+    assert as_good.reason != costly.reason
+
+
+def test_loads_of_the_null_that_lead_astray_give_way_to_those_beside_the_effect(monkeypatch):
+    """A kink that has become sharp may have no way from the loads that the null needed."""
+    stand, (prepared, proof) = rubbing(), proved()
+    flat = prepared.flat
+    given = (stand.null, proof.fit, flat, reduce_index(flat), stand.null.experiments, stand.validation)
+    usual, _ = settled(*given)
+    judged: list = []
+    of_all = settling._has_run_away
+
+    def first_one_has(fit, experiments):
+        judged.append(fit)
+        return len(judged) == 1 or of_all(fit, experiments)
+
+    monkeypatch.setattr(settling, "_has_run_away", first_one_has)
+    again, _ = settled(*given)
+    assert len({id(fit) for fit in judged}) == 2
+    for one, other in zip(usual.parameters, again.parameters, strict=True):
+        assert abs(one.value - other.value) < 0.1 * one.std_error
 
 
 def test_size_of_coulomb_friction_and_parameters_are_right():

@@ -17,11 +17,13 @@ from daest.diagnosis.proof import could_compete, prepare, prove, trials
 from daest.diagnosis.rivals import (
     dynamic_trials,
     no_richer_ones,
+    not_begun_by,
     reduced_laws,
     richer_laws,
     rounded,
     signal_laws,
     simpler_laws,
+    simplest_first,
 )
 from daest.diagnosis.screen import run_null, screen
 from daest.model.diagnosis import Screened
@@ -96,6 +98,18 @@ def test_simple_law_is_tried_from_a_rich_one_that_is_partly_unknown():
     assert start[f"{simple.trial.candidate.name}.tau_c"] == proof.fit.theta[f"{proof.candidate.name}.tau_c"]
     certain = replace(proof.fit, parameters=tuple(replace(p, std_error=1e-9) for p in proof.fit.parameters))
     assert reduced_laws(rubbing().null, replace(proof, fit=certain), found) == []
+
+
+def test_of_laws_for_the_same_the_simplest_goes_first():
+    null = rubbing().null
+    found, _, simple = proved("CoulombFriction")
+    chosen = [prepare(null.flat, null.estimated, trial) for trial in trials(found, 1.0, 9)]
+    first, richer = simplest_first(chosen)
+    assert {one.trial.candidate.effect.name for one in richer} == {"StribeckFriction"}
+    assert {id(one) for one in (*first, *richer)} == {id(one) for one in chosen}
+    assert not_begun_by(None, richer) == richer
+    here = [one for one in richer if one.trial.candidate.site == simple.candidate.site]
+    assert here and not set(map(id, not_begun_by(simple, richer))) & set(map(id, here))
 
 
 def test_rich_law_starts_from_the_fit_of_the_simple_one():

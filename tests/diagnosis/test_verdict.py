@@ -267,7 +267,7 @@ def test_another_hold_is_kept_only_where_it_has_a_law_that_says_as_much():
         own = proof(verdict=verdict)
         return replace(own, fit=replace(own.fit, log_likelihood=value))
 
-    first = SimpleNamespace(proofs=(with_likelihood(10.0),))
+    first = (with_likelihood(10.0),)
     assert says_as_much([with_likelihood(12.0)], first)
     assert not says_as_much([with_likelihood(8.0)], first)
     assert not says_as_much([with_likelihood(12.0, "rejected")], first)

@@ -19,6 +19,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from scipy.linalg import LinAlgWarning
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.black_box import diagnose_black_box
@@ -77,11 +78,13 @@ from daest.diagnosis.rivals import (
     dynamic_fits,
     no_richer_ones,
     nominal_simulation,
+    not_begun_by,
     reduced_laws,
     richer_laws,
     rounded,
     signal_laws,
     simpler_laws,
+    simplest_first,
     storage_fits,
 )
 from daest.diagnosis.screen import NullObserver, run_null, screen
@@ -129,6 +132,7 @@ CURVE_SECONDS = 60.0  # and that it may take in any case
 LOOP = 3  # times the time of a run where a loop is solved by iterations at every point
 
 
+@threadpool_limits.wrap(limits=1)  # many small matrices: a second thread only waits
 def diagnose(
     flat: Model,
     library: Sequence[Effect],
@@ -153,17 +157,31 @@ def diagnose(
             *switching_case(flat, library, experiments, validation, options), options, progress
         )
     stand, limits = limited(begin(flat, experiments, validation, options, progress), library, options)
-    found = examine(stand, library, options, progress)
-    better, other = better_hold(stand, found), unsettled_hold(stand, found)
+    holds = _Holds(stand)
+
+    def held(hold: Hold) -> tuple[Diagnosis, Callable[[], Diagnosis]]:
+        again = replace(options, hold=hold)
+        there, its_limits = limited(begin(flat, experiments, validation, again, progress), library, again)
+        second = examine(there, library, again, progress)
+        return second, lambda: beside_limits(second, there, its_limits)
+
+    try:
+        found = examine(stand, library, options, progress, holds.watched)
+    except _HeldOtherwiseError as shown:
+        progress(AGAIN.format(hold_text(shown.hold)))
+        second, told = held(shown.hold)
+        if says_as_much(second.proofs, shown.proofs):
+            return replace(told(), seconds=time.perf_counter() - stand.began)
+        found = examine(stand, library, options, progress)
+        return beside_limits(found, stand, limits)
+    better, other = holds.better(found.proofs), unsettled_hold(stand, found)
     hold = better or other
     if hold is None or options.is_over:
         return beside_limits(found, stand, limits)
     progress((AGAIN if better else IN_VAIN).format(hold_text(hold)))
-    again = replace(options, hold=hold)
-    held, held_limits = limited(begin(flat, experiments, validation, again, progress), library, again)
-    second = examine(held, library, again, progress)
-    is_second = says_as_much(second.proofs, found) if better else says_more(second.proofs, stand)
-    best = beside_limits(second, held, held_limits) if is_second else beside_limits(found, stand, limits)
+    second, told = held(hold)
+    is_second = says_as_much(second.proofs, found.proofs) if better else says_more(second.proofs, stand)
+    best = told() if is_second else beside_limits(found, stand, limits)
     return replace(best, seconds=found.seconds + second.seconds)
 
 
@@ -180,11 +198,42 @@ def switching_case(
     return quiet, _chosen(library, sites(quiet), estimation, options), tuple(estimation), tuple(unseen)
 
 
-def better_hold(stand: Stand, found: Diagnosis) -> Hold | None:
+class _HeldOtherwiseError(Exception):
+    """With the best of the first refits, `proofs`, the inputs were held as `hold` has it: the others would be
+    refitted in vain."""
+
+    def __init__(self, hold: Hold, proofs: Sequence[Proof]) -> None:
+        super().__init__(hold_text(hold))
+        self.hold, self.proofs = hold, tuple(proofs)
+
+
+@dataclass(frozen=True)
+class _Holds:
+    """Asks candidates for the other hold, each once: `known` are the answers, by the name of the candidate
+    and its log-likelihood."""
+
+    stand: Stand
+    known: dict[tuple[str, float], Hold | None] = field(default_factory=dict)
+
+    def better(self, proofs: Sequence[Proof]) -> Hold | None:
+        """As `better_hold`."""
+        best = best_start(proofs)
+        key = ("", 0.0) if best is None else (best.candidate.name, best.fit.log_likelihood)
+        if key not in self.known:
+            self.known[key] = better_hold(self.stand, proofs)
+        return self.known[key]
+
+    def watched(self, proofs: Sequence[Proof]) -> None:
+        """Raises _HeldOtherwiseError where the other hold is the better one."""
+        hold = self.better(proofs)
+        if hold is not None:
+            raise _HeldOtherwiseError(hold, proofs)
+
+
+def better_hold(stand: Stand, proofs: Sequence[Proof]) -> Hold | None:
     """The other hold, where the best candidate fits better with it: the best accepted one, or else the most
     likely, which unseen data may refuse for nothing but the wrong hold."""
-    null = stand.null
-    best = best_start(found.proofs)
+    null, best = stand.null, best_start(proofs)
     hold = None if best is None else open_hold(null, best.delta_log_likelihood)
     if best is None or hold is None:
         return None
@@ -214,10 +263,10 @@ def says_more(proofs: Sequence[Proof], stand: Stand) -> bool:
     return best is not None and best.fit.log_likelihood > stand.baseline.log_likelihood + GATES.min_hold_gain
 
 
-def says_as_much(proofs: Sequence[Proof], first: Diagnosis) -> bool:
-    """Whether an accepted candidate is at least as likely as the one of `first`, with whose law the other
-    hold looked better: in a search of its own that hold may have no use for the law."""
-    before, best = best_accepted(first.proofs), best_accepted(proofs)
+def says_as_much(proofs: Sequence[Proof], first: Sequence[Proof]) -> bool:
+    """Whether an accepted candidate is at least as likely as the one of the `first` proofs, with whose law
+    the other hold looked better: in a search of its own that hold may have no use for the law."""
+    before, best = best_accepted(first), best_accepted(proofs)
     if before is None or best is None:
         return before is None
     return best.fit.log_likelihood >= before.fit.log_likelihood
@@ -415,11 +464,16 @@ def reference_of(null: Null, fit: FitResult, validation: Sequence[Experiment]) -
 
 
 def examine(
-    stand: Stand, library: Sequence[Effect], options: DiagnoseOptions, progress: Progress = lambda _: None
+    stand: Stand,
+    library: Sequence[Effect],
+    options: DiagnoseOptions,
+    progress: Progress = lambda _: None,
+    watched: Callable[[Sequence[Proof]], None] = lambda _: None,
 ) -> Diagnosis:
-    """Screen, proof and verdict for a fitted null."""
+    """Screen, proof and verdict for a fitted null. `watched` sees the first refits, best first, and may end
+    the examination by what it raises."""
     with _quiet():
-        return _examined(stand, library, options, progress)
+        return _examined(stand, library, options, progress, watched)
 
 
 @contextmanager
@@ -432,7 +486,11 @@ def _quiet() -> Iterator[None]:
 
 
 def _examined(
-    stand: Stand, library: Sequence[Effect], options: DiagnoseOptions, progress: Progress
+    stand: Stand,
+    library: Sequence[Effect],
+    options: DiagnoseOptions,
+    progress: Progress,
+    watched: Callable[[Sequence[Proof]], None],
 ) -> Diagnosis:
     candidates = _chosen(library, sites(stand.declared), stand.null.experiments, options)
     progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
@@ -463,7 +521,7 @@ def _examined(
     form = next(iter(forms), None)
     loads = verdicts.Loads(stand.declared, null, run, gains, form)
     proofs, unproved, is_whole = _proofs(
-        stand, loads, load, (found, used), candidates, chosen_library, options, progress
+        stand, loads, load, (found, used), candidates, chosen_library, options, progress, watched
     )
     form = _told_by_rest(forms, proofs)
     loads = replace(loads, form=form)
@@ -1185,6 +1243,7 @@ def _proofs(
     library: Sequence[Effect],
     options: DiagnoseOptions,
     progress: Progress,
+    watched: Callable[[Sequence[Proof]], None],
 ) -> tuple[tuple[Proof, ...], tuple[Unproved, ...], bool]:
     """The best candidates refitted: the first few, those that lead the screen in open loop, and of the others
     those that could compete with them; the leaders of the screen that were not, each with the reason; and
@@ -1196,7 +1255,9 @@ def _proofs(
     given = clipping_trials(null, candidates, options.clips([*null.experiments, *stand.validation]))
     with workers(options.jobs, options.cluster) as pool:
         stages = _Stages(_Search(stand, run, load, loads.form, found.n_screened), pool, options, progress)
-        chosen = stages.prepared(wanted[: options.most_trials])
+        leading = stages.prepared(wanted[: options.most_trials])
+        chosen, richer = simplest_first(leading)
+        n_used = sum(any(one is other for other in chosen) for one in leading[:n_used])
         beside = stages.dynamic(candidates)
         # Where no fits run beside the first refit, the second one does.
         n_first = min(max(n_used, 1 if beside else FIRST_TRIALS), len(chosen))
@@ -1207,8 +1268,10 @@ def _proofs(
             proofs += stages.proved(rest, proofs)[0]
             rest = []
         proofs = stages.proved(dynamic, proofs)[0] + proofs
+        watched(ranked(proofs))
         best = best_accepted(ranked(proofs))
-        rest += [p for p in chosen[max(FIRST_TRIALS, n_first) :] if could_compete(p.trial, best, found)]
+        others = [*chosen[max(FIRST_TRIALS, n_first) :], *not_begun_by(best, richer)]
+        rest += [p for p in others if could_compete(p.trial, best, found)]
         proofs += stages.proved(rest, proofs)[0]
         proofs = stages.second_tries(proofs, found)
         if not _is_settled(ranked(proofs)):

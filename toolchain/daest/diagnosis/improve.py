@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.diagnosis.candidates import fed
 from daest.diagnosis.diagnose import (
@@ -98,6 +99,7 @@ class _Task:
     progress: Progress
 
 
+@threadpool_limits.wrap(limits=1)  # many small matrices: a second thread only waits
 def improve(
     flat: FlatModel,
     library: Sequence[Effect],
@@ -126,7 +128,7 @@ def improve(
         progress(AGAIN.format(hold_text(other.hold)))
         again = replace(options, hold=other.hold)
         held = improve(flat, library, experiments, validation, again, most_effects, progress)
-        if says_as_much(_last_added(held), other.found):
+        if says_as_much(_last_added(held), other.found.proofs):
             return held
         if options.is_over:
             path = _late(task, _with_best(task, other.path, other.found), "another effect was looked for")
@@ -137,7 +139,7 @@ def improve(
     nothing = _told(found)
     if len(found.steps) > len(steps) or options.hold is not None or options.is_over:
         return nothing
-    hold = better_hold(stand, nothing.last) or unsettled_hold(stand, nothing.last)
+    hold = better_hold(stand, nothing.last.proofs) or unsettled_hold(stand, nothing.last)
     if hold is None:
         return nothing
     progress(IN_VAIN.format(hold_text(hold)))
@@ -272,7 +274,7 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
     if not helpful:
         labels = accepted[0].candidate.label
         return [path.ended(diagnosis, f"{labels} is supported, but it does not lower the validation error.")]
-    hold = None if task.options.is_over else better_hold(stand, diagnosis)
+    hold = None if task.options.is_over else better_hold(stand, diagnosis.proofs)
     if hold is not None:
         raise _OtherHoldError(hold, diagnosis, path)
     return [_extended(task, path, proof, diagnosis) for proof in helpful[:MOST_PATHS]]

@@ -356,7 +356,8 @@ def proof_of(
     is_open = is_curve = is_told = is_shown = False
     used = InUse()
     unseen_form = ""
-    ahead_of_it = leader if fit.log_likelihood < hopeless else _better_simpler(prepared, fit)
+    ahead_of_it = leader if fit.log_likelihood < hopeless else None
+    ahead_of_it = ahead_of_it or _better_simpler(prepared, fit, delta_bic)
     if not reason and ahead_of_it is not None:
         final, ahead, reason = _in_brief(fed, refit, prepared, explicit, validation, ahead_of_it, reference)
     if not reason:
@@ -430,10 +431,14 @@ def _undriven(model: Null) -> str:
     return f"the recorded inputs move the model by {share:.1%} of what its outputs do: no size can be told"
 
 
-def _better_simpler(prepared: Prepared, fit: FitResult) -> Proof | None:
-    """The simpler law that a candidate contains, where the candidate's search ended below it."""
+def _better_simpler(prepared: Prepared, fit: FitResult, delta_bic: float) -> Proof | None:
+    """The simpler law that a candidate contains, where the candidate's search ended below it, or gained less
+    than its further parameters cost."""
     simpler = prepared.simpler
-    return simpler if simpler is not None and fit.log_likelihood < simpler.fit.log_likelihood else None
+    if simpler is None:
+        return None
+    is_worse = delta_bic < simpler.delta_bic - GATES.same_bic
+    return simpler if is_worse or fit.log_likelihood < simpler.fit.log_likelihood else None
 
 
 def may_be_likelier(
@@ -547,6 +552,8 @@ def _in_brief(
         return None, (), ""
     behind = leader.fit.log_likelihood - refit.fit.log_likelihood
     much = "far better" if behind > GATES.hopeless_log_likelihood else "better with fewer parameters"
+    if behind < 0.0:
+        return rough, ahead, f"{leader.candidate.label} says nearly as much with fewer parameters"
     reason = f"{leader.candidate.label} explains the data {much} (log-likelihood {behind:.0f})"
     return rough, ahead, reason
 

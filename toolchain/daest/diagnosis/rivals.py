@@ -338,6 +338,26 @@ def richer_laws(
     return tuple(prepared for _, prepared in order[:MOST_RICHER])
 
 
+def simplest_first(chosen: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
+    """The chosen candidates without those that say more of what a simpler one of them says, and these: at one
+    place, of laws for the same, the one with the fewest parameters goes first. From its fit a richer one ends
+    sooner and elsewhere than from the screen, and is not needed where the simple one leaves nothing."""
+    is_richer = [any(_goes_beyond(one, other.trial.candidate) for other in chosen) for one in chosen]
+    pairs = list(zip(chosen, is_richer, strict=True))
+    return [one for one, richer in pairs if not richer], [one for one, richer in pairs if richer]
+
+
+def not_begun_by(best: Proof | None, richer: Sequence[Prepared]) -> list[Prepared]:
+    """Of `richer` laws those that are not started from the fit of `best` (`richer_laws`)."""
+    return [one for one in richer if best is None or not _goes_beyond(one, best.candidate)]
+
+
+def _goes_beyond(richer: Prepared, simple: Candidate) -> bool:
+    rich = richer.trial.candidate
+    is_related = rich.site == simple.site and _is_related(rich.effect, simple.effect)
+    return is_related and len(rich.estimated) > len(simple.estimated)
+
+
 def simpler_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
     """Effects with fewer parameters and a size of the same unit at the place of `best`, which were not tried:
     what a law with too many parameters cannot prove, a simpler one may."""

@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null, grown, shortest_load
+from daest.diagnosis.null import Null, grown, loads_of, shortest_load
 from daest.diagnosis.screen import NullObserver, nuisance, run_null
 from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
@@ -55,6 +55,28 @@ def settled(
     times = null.shortest_times
     started = flat.with_theta({**fit.theta, **times})
     explicit = replace(explicit, flat=started)
+    # Where the loads of the null lead astray, what is left of them beside the effect may not.
+    beside = replace(null, fit=fit, loads=loads_of(fit, null.places))
+    for start in (null, beside):
+        found = _found(start, started, explicit, names, experiments, is_rough)
+        if found is None or not _has_run_away(found.fit, experiments):
+            break
+    if found is None or _has_run_away(found.fit, experiments):
+        return None
+    run = run_null(grown(null, started, explicit, found.fit, experiments))
+    told = found.simulated(validation, ROUGH_START) if is_rough else found.simulated(validation)
+    return replace(told, parameters=_uncertain(found.fit, fit, run)), run
+
+
+def _found(
+    null: Null,
+    started: FlatModel,
+    explicit: ExplicitModel,
+    names: Sequence[str],
+    experiments: Sequence[Experiment],
+    is_rough: bool,
+) -> Refit | None:
+    """The end of a search that goes on where it has come to its limit; None where it fails."""
     found: Refit | None = None
     for _ in range(1 + SECOND_CHANCES):
         try:
@@ -63,12 +85,7 @@ def settled(
             return None
         if is_rough or found.fit.status != "iteration limit":
             break
-    assert found is not None
-    if _has_run_away(found.fit, experiments):
-        return None
-    run = run_null(grown(null, started, explicit, found.fit, experiments))
-    told = found.simulated(validation, ROUGH_START) if is_rough else found.simulated(validation)
-    return replace(told, parameters=_uncertain(found.fit, fit, run)), run
+    return found
 
 
 def _has_run_away(fit: FitResult, experiments: Sequence[Experiment]) -> bool:

@@ -3,6 +3,7 @@
 The method is Radau IIA (order 5, L-stable). With a C compiler it runs as `radau.c`, compiled together with
 the model's CasADi functions, with adaptive steps. Without one, CasADi's collocation integrator interprets the
 same method with a fixed number of steps per sample interval: slower, and less exact where the model is stiff.
+An affine model on a uniform time grid is sampled exactly instead (`affine_steps`), at a fraction of the work.
 Between samples the inputs are held (zoh) or run straight (foh).
 """
 
@@ -13,7 +14,7 @@ import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import singledispatch
+from functools import cached_property, singledispatch
 from importlib import resources
 from typing import Any
 
@@ -23,15 +24,19 @@ import numpy as np
 from daest.errors import FmuError, ModelError
 from daest.model.flat import Dynamics, ExplicitModel, events_refused
 from daest.model.holds import Hold, held_inputs, interval_ends
+from daest.model.linear import StateSpaceFamily
 from daest.numerics.compiler import MOST_LINES, build_object, build_shared, effort, processor_flags
 from daest.numerics.projection import pull
 from daest.numerics.watched import watched
+from daest.systems.affine_steps import DrivenBy, Gain, affine_steps
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import HybridError
 from daest.systems.hybrid import Inputs, follow
 from daest.systems.input_slopes import acting_slopes
 from daest.systems.integration import FAILURES, IntegrationError, pointer
+from daest.systems.linearize import has_affine_dynamics
 from daest.systems.sensor_laws import relative_slopes, sensor_laws
+from daest.systems.state_space import state_space_family
 from daest.systems.tolerances import SOLVER
 
 # Steps over a whole record, however they fall between its samples. A search gives a trajectory up early: one
@@ -170,6 +175,30 @@ class EquationIntegrator(Integrator):
         return f"Radau IIA order 5, {how}, {hold}{held}"
 
 
+@dataclass(frozen=True)
+class AffineIntegrator(Integrator):
+    """A model with affine dynamics, by exact steps; `stepped` takes the runs that these do not serve."""
+
+    explicit: ExplicitModel
+    names: tuple[str, ...]
+    family: StateSpaceFamily
+
+    def __reduce__(self) -> tuple:
+        return _again, (self.explicit, self.names, True)
+
+    @cached_property
+    def stepped(self) -> EquationIntegrator:
+        return _stepping(self.explicit, self.names, compiled=True, runs_once=False)
+
+    def trajectory(self, run: Run) -> Trajectory:
+        if not _has_exact_steps(run):
+            return self.stepped.trajectory(run)
+        return _run_exactly(self, run)
+
+    def method(self, rtol: float, hold: Hold) -> str:
+        return f"exact steps of an affine model, {hold}"
+
+
 @singledispatch
 def integrator(
     explicit: Dynamics,
@@ -195,6 +224,15 @@ def _of_equations(
     compiled: bool = True,
     runs_once: bool = False,
 ) -> Integrator:
+    family = _affine_family(explicit) if compiled and not runs_once else None
+    if family is not None:
+        return AffineIntegrator(explicit, tuple(names), family)
+    return _stepping(explicit, names, compiled, runs_once)
+
+
+def _stepping(
+    explicit: ExplicitModel, names: Sequence[str], compiled: bool, runs_once: bool
+) -> EquationIntegrator:
     known = _compiled_for_more(explicit, tuple(names)) if compiled else None
     if known is not None:
         return known
@@ -223,6 +261,25 @@ def _of_equations(
 
 
 _compiled: dict[tuple, EquationIntegrator] = {}
+_families: dict[tuple, tuple[ExplicitModel, StateSpaceFamily | None]] = {}
+
+
+def _affine_family(explicit: ExplicitModel) -> StateSpaceFamily | None:
+    """The matrices of a model with affine dynamics and no invariants; None for others."""
+    key = _functions_of(explicit)
+    if key not in _families:
+        is_affine = explicit.invariants is None and has_affine_dynamics(explicit)
+        _families[key] = explicit, state_space_family(_without_variables(explicit)) if is_affine else None
+        while len(_families) > MOST_COMPILED:
+            del _families[next(iter(_families))]
+    return _families[key][1]
+
+
+def _without_variables(explicit: ExplicitModel) -> ExplicitModel:
+    """The model without its internal variables, whose matrices no run reads."""
+    arguments: Any = explicit.rhs.sx_in() if explicit.is_symbolic else explicit.rhs.mx_in()
+    kind: Any = ca.SX if explicit.is_symbolic else ca.MX
+    return replace(explicit, variables=ca.Function("variables", arguments, [kind.zeros(0)]))
 
 
 def _functions_of(explicit: ExplicitModel) -> tuple:
@@ -568,6 +625,35 @@ def _watched(
         reached[2] = 1.0
 
     return watched(lambda: simulate(*arguments), lambda: tell(float(reached[0])), stop)
+
+
+def _has_exact_steps(run: Run) -> bool:
+    """Whether all intervals are of one length, and one gain corrects samples of which no value is missing."""
+    if run.time.size < 2 or run.x0.size == 0:
+        return False
+    is_gapless = run.correction is None or (
+        run.correction.gain.ndim == 2 and bool(np.all(np.isfinite(run.correction.measurements)))
+    )
+    intervals = np.diff(run.time)
+    return is_gapless and bool(np.ptp(intervals) <= SOLVER.equal_steps * intervals.mean())
+
+
+def _run_exactly(model: AffineIntegrator, run: Run) -> Trajectory:
+    names = model.names[: run.by_parameter]
+    period = float(run.time[-1] - run.time[0]) / (run.time.size - 1)
+    steps = affine_steps(model.family, run.theta, names, period)
+    inputs = DrivenBy(run.u0, run.u1, np.vstack([run.u0, run.u_last]))
+    given = run.correction
+    gain = None if given is None else Gain(given.measurements, given.gain, given.slopes)
+    with np.errstate(over="ignore", invalid="ignore"):
+        states = steps.states(inputs, run.x0, gain)
+        outputs = steps.outputs(states, inputs)
+        if not (np.all(np.isfinite(states)) and np.all(np.isfinite(outputs))):
+            raise IntegrationError(FAILURES[3], float(run.time[0]))
+        slopes = steps.slopes(inputs, states, outputs, gain) if run.directions else None
+    n, n_y = outputs.shape
+    sens = np.empty((n, n_y, 0)) if slopes is None else slopes.transpose(1, 2, 0)
+    return Trajectory(states, outputs, sens, n - 1)
 
 
 def _run_interpreted(model: EquationIntegrator, run: Run) -> Trajectory:

@@ -1,0 +1,119 @@
+"""Steps of an affine model over sample intervals of one length: exact, with exact slopes, however fast it is.
+
+x[k+1] = Φ x[k] + I (B u0[k] + b) + R B (u1[k] - u0[k]) and y = C x + D u + d, where u0 and u1 are the inputs
+at the two ends of an interval: Φ = e^(A T), I = ∫₀ᵀ e^(A s) ds and R = ∫₀ᵀ e^(A (T-s)) s ds / T. Where a gain
+corrects every state first, x + K e with e = y measured - y, the matrix of the recursion is Φ (1 - K C).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from daest.model.linear import StateSpace, StateSpaceFamily
+from daest.numerics.exponential import (
+    TransitionIntegrals,
+    transition_integral_derivatives,
+    transition_integrals,
+)
+from daest.numerics.recursions import linear_recursion
+from daest.systems.state_space import state_space, state_space_derivatives
+
+
+@dataclass(frozen=True)
+class DrivenBy:
+    """At the start and the end of every interval, `start` and `end` (n_samples - 1, n_ū), and at the samples
+    (n_samples, n_ū)."""
+
+    start: np.ndarray
+    end: np.ndarray
+    sampled: np.ndarray
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What corrects the states: measurements (n_samples, n_y) without gaps, the gain (n, n_y) and its slopes
+    (n_gain, n, n_y) along further directions."""
+
+    measurements: np.ndarray
+    gain: np.ndarray
+    slopes: np.ndarray
+
+
+@dataclass(frozen=True)
+class AffineSteps:
+    """The steps over `period` [s] at one theta; `by_theta` and `change` are the derivatives of the matrices
+    and of their integrals by p parameters, with a leading axis of p."""
+
+    matrices: StateSpace
+    integrals: TransitionIntegrals
+    by_theta: Mapping[str, np.ndarray]
+    change: TransitionIntegrals
+
+    def states(self, inputs: DrivenBy, x0: np.ndarray, gain: Gain | None) -> np.ndarray:
+        """Before the correction of each sample, (n_samples, n), from x0 (n,)."""
+        ss = self.matrices
+        drive = self._driven(self.integrals, ss.B, ss.b, inputs)
+        if gain is not None:
+            known = gain.measurements - inputs.sampled @ ss.D.T - ss.d
+            drive = drive + known[:-1] @ (self.integrals.transition @ gain.gain).T
+        return linear_recursion(self._closed(gain), drive, x0)
+
+    def outputs(self, states: np.ndarray, inputs: DrivenBy) -> np.ndarray:
+        """(n_samples, n_y) of states (n_samples, n)."""
+        ss = self.matrices
+        return states @ ss.C.T + inputs.sampled @ ss.D.T + ss.d
+
+    def slopes(
+        self, inputs: DrivenBy, states: np.ndarray, outputs: np.ndarray, gain: Gain | None
+    ) -> np.ndarray:
+        """∂y/∂(the p parameters, x0, the directions of the gain), (directions, n_samples, n_y), along states
+        (n_samples, n) with outputs (n_samples, n_y)."""
+        ss, by, (n_samples, n) = self.matrices, self.by_theta, states.shape
+        p, n_gain = by["A"].shape[0], 0 if gain is None else gain.slopes.shape[0]
+        error = None if gain is None else gain.measurements - outputs
+        direct = states @ _turned(by["C"]) + inputs.sampled @ _turned(by["D"]) + by["d"][:, None, :]
+        corrected = states if gain is None or error is None else states + error @ gain.gain.T
+        drive = np.zeros((p + n + n_gain, n_samples - 1, n))
+        drive[:p] = corrected[:-1] @ _turned(self.change.transition)
+        drive[:p] += self._driven(self.change, ss.B, ss.b, inputs)
+        drive[:p] += self._driven(self.integrals, by["B"], by["b"], inputs)
+        if gain is not None and error is not None:
+            drive[:p] -= direct[:, :-1] @ (self.integrals.transition @ gain.gain).T
+            drive[p + n :] = error[:-1] @ _turned(self.integrals.transition @ gain.slopes)
+        start = np.zeros((drive.shape[0], n))
+        start[p : p + n] = np.eye(n)
+        found = linear_recursion(self._closed(gain), drive, start) @ ss.C.T
+        found[:p] += direct
+        return found
+
+    def _closed(self, gain: Gain | None) -> np.ndarray:
+        """Φ (1 - K C)."""
+        Phi = self.integrals.transition
+        return Phi if gain is None else Phi - Phi @ gain.gain @ self.matrices.C
+
+    @staticmethod
+    def _driven(integrals: TransitionIntegrals, B: np.ndarray, b: np.ndarray, inputs: DrivenBy) -> np.ndarray:
+        """I (B u0 + b) + R B (u1 - u0), (..., n_steps, n), linear in the integrals and in (B, b): either may
+        have a leading axis of derivatives."""
+        offset = (integrals.first @ b[..., None])[..., 0]
+        held = inputs.start @ _turned(integrals.first @ B) + offset[..., None, :]
+        return held + (inputs.end - inputs.start) @ _turned(integrals.second @ B)
+
+
+def affine_steps(
+    family: StateSpaceFamily, theta: np.ndarray, names: Sequence[str], period: float
+) -> AffineSteps:
+    """The steps at theta (n_theta,) with derivatives by the parameters `names`; not finite where the rates
+    are beyond all numbers."""
+    ss = state_space(family, theta)
+    by_theta = state_space_derivatives(family, theta, names)
+    integrals = transition_integrals(ss.A, period)
+    change = transition_integral_derivatives(ss.A, by_theta["A"], period)
+    return AffineSteps(ss, integrals, by_theta, change)
+
+
+def _turned(matrices: np.ndarray) -> np.ndarray:
+    return np.swapaxes(matrices, -1, -2)
