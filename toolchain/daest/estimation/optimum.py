@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
-from scipy.stats import qmc
 
 from daest.estimation.coordinates import Coordinate, Unknowns, lost_ones
 from daest.estimation.gates import FIT
@@ -98,6 +97,8 @@ def scanned(search: Search, around: np.ndarray, seed: int) -> Iterator[np.ndarra
     The points fill the range of the parameters (Sobol), the other unknowns are those of `around`. Nothing is
     computed before the first one is asked for. Shapes: around and the points (n_z,).
     """
+    from scipy.stats import qmc  # half a second, which few fits need
+
     low, high = _scanned_range(search)
     own = np.array([i for i, c in enumerate(search.unknowns.coordinates) if c.kind == "parameter"], dtype=int)
     points = np.tile(around, (SCANNED, 1))
