@@ -180,6 +180,16 @@ def test_coloured_innovations_say_that_something_dynamic_is_missing():
     assert found.name == "unknown effect" and "dynamic" in found.message
 
 
+def test_lags_too_short_to_be_told_apart_say_that_something_fast_is_missing():
+    refused = replace(proof(verdict="rejected"), is_any_dynamics=True, reason="it is short")
+    found = decide(evidence(proofs=[refused], related=True))
+    assert found.name == "unknown effect" and "dynamic" in found.message
+    assert (
+        "CoulombFriction at rotor.flange_a would do (tau_c = 0.15 ± 0.01 N.m), but it is short"
+        in found.message
+    )
+
+
 def test_unrelated_load_is_external():
     found = decide(evidence())
     assert found.name == "external disturbance" and found.next_experiment.startswith("Repeat")

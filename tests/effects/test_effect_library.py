@@ -131,7 +131,7 @@ def test_states_and_dynamics() -> None:
     one = ["LuGreFriction", "HystereticSpring"]
     expected = {f"{domain}.{name}": 1 for domain in ("Rotational", "Translational") for name in one}
     expected |= dict.fromkeys(("Electrical.Inductance", "Electrical.SaturatingInductance", "Signals.Lag"), 1)
-    expected |= {"Electrical.TemperatureDependentResistance": 1, "Signals.Delay": 2}
+    expected |= {"Electrical.TemperatureDependentResistance": 1, "Signals.Delay": 10}
     expected |= {"Rotational.FlexibleAppendage": 2, "Translational.FlexibleAppendage": 2}
     expected |= {"Electrical.VoltageRelaxation": 1, "Thermal.ExtraHeatCapacity": 1}
     assert states == expected

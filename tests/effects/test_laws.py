@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ from effect_rig import label, law, rig, rig_sites
 from daest.model.effects import Effect
 from daest.model.flat import FlatModel
 from daest.modelica.attach import attach
-from daest.modelica.effects import effect_library
-from daest.modelica.sites import fits
+from daest.modelica.compile import compile_text
+from daest.modelica.effects import effect_library, find_effect
+from daest.modelica.sites import find_site, fits
+from daest.systems.simulate import simulate
 
 Law = Callable[[dict[str, float]], float]
 RNG_SEED = 7
@@ -264,3 +267,15 @@ def cycle_loss(size: float, width: float, period: float, amplitude: float = 0.3,
             lost += size * (z + after) / 2 * step
         z = after
     return lost
+
+
+@pytest.mark.parametrize("omega", [1.0, 4.0, 8.0])
+def test_a_dead_time_shifts_what_goes_through_it(omega):
+    text = b"model M input Real u(start = 0); output Real y; equation y = 2*u; end M;"
+    flat = compile_text(text, Path("M.mo"))
+    effect = find_effect("Signals.Delay")
+    behind = attach(flat, effect, find_site(flat, "u", effect), values={"T": 0.8})
+    time = np.linspace(0.0, 20.0, 8001)
+    found = simulate(behind, (time, np.sin(omega * time)[:, None]))["y"]
+    late = time > 4.0
+    assert np.allclose(found[late], 2.0 * np.sin(omega * (time[late] - 0.8)), atol=2e-4)

@@ -1139,7 +1139,7 @@ class _Stages:
         """Effects with states beside a model that is not affine, those that its simulation shows. Laws with
         kinks, such as friction with bristles, are left to the screen."""
         null, reference = self.search.stand.null, self.search.stand.reference
-        if reference is None or reference.adds_up or has_affine_dynamics(null.explicit):
+        if reference is None or has_affine_dynamics(null.explicit):
             return ()
         wanted = [
             c
@@ -1148,12 +1148,22 @@ class _Stages:
         ]
         with _quiet():
             nominal = nominal_simulation(null, reference.fit) if wanted else None
-        if nominal is None:
+        # Where errors add up, a simulation tells of a lag only if it follows the machine all the same.
+        if nominal is None or (reference.adds_up and not _follows(nominal)):
             return ()
+        simplest = [c for c in wanted if not _says_more_of_signal(c, wanted)]
+        parts = self._simulated(simplest, found, nominal)
+        shown = {prepared.trial.candidate.site for part in parts for _, prepared in part}
+        parts += self._simulated([c for c in wanted if c not in simplest and c.site in shown], found, nominal)
+        return best_dynamic(null, parts)
+
+    def _simulated(self, wanted: Sequence[Candidate], found: Screen, nominal: FitResult) -> list[DynamicFits]:
+        """`bent_fits` of each of the wanted effects; without those for which the time does not suffice."""
         for candidate in wanted:
             self.progress(f"simulating with {candidate.label}")
+        null = self.search.stand.null
         parts = self.proved((), (), [partial(_bent, null, found, one, nominal) for one in wanted])[1]
-        return best_dynamic(null, [part for part in parts if part is not None])
+        return [part for part in parts if part is not None]
 
     def shown_in_use(self, proofs: Sequence[Proof]) -> list[Proof]:
         """All laws; those that are likelier than what is accepted, and refused since a load is left beside
@@ -1197,6 +1207,23 @@ class _Stages:
         ]
         found = {p.candidate.name: p for p in self.proved((), proofs, tasks)[1] if p is not None}
         return [found.get(p.candidate.name, p) for p in proofs]
+
+
+def _says_more_of_signal(candidate: Candidate, others: Sequence[Candidate]) -> bool:
+    """Whether another candidate delays the same signal with fewer states: where a lag is nothing, no dead
+    time is worth its simulations."""
+    return candidate.is_of_signal and any(
+        other.is_of_signal
+        and other.site == candidate.site
+        and other.effect.n_states < candidate.effect.n_states
+        for other in others
+    )
+
+
+def _follows(fit: FitResult) -> bool:
+    """Whether a simulation says most of what every output does."""
+    percents = fit.simulated["estimation"].fit_percent.values()
+    return all(percent is not None and percent > GATES.min_driven_fit for percent in percents)
 
 
 def _beside_in_use(best: Proof | None, proofs: Sequence[Proof]) -> list[Proof]:

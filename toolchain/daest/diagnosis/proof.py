@@ -389,9 +389,12 @@ def proof_of(
     elif final is None:
         fit = refit.simulated(validation)
     left = None if reason else _left(null, with_effect, after or run_null(with_effect))
+    too_short = ""
     if left is not None:
         if prepared.trial.candidate.is_dynamic:
-            reason = _other_dynamics(left, gain) or _too_short(null, prepared.trial.candidate, fit)
+            reason = _other_dynamics(left, gain)
+            too_short = "" if reason else _too_short(null, prepared.trial.candidate, fit)
+            reason = reason or too_short
         if is_curve and left.p_value < GATES.rest_level and not is_told and not is_shown:
             reason = _unexplained(explained, ratios)
         if not reason and not _is_most_of_it(explained, ratios, is_told, gain, left):
@@ -412,6 +415,7 @@ def proof_of(
         final=final,
         ahead=ahead,
         is_open=bool(reason) and is_open,
+        is_any_dynamics=bool(too_short) and reason == too_short,
         is_known=not unseen_form and not _undetermined(prepared.trial.candidate, final or fit),
         confirmed=told,
         adds_up=reference is not None and reference.adds_up,

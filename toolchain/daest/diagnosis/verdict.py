@@ -172,6 +172,9 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
         return _cannot_tell(evidence, accepted)
     if evidence.rest.is_explained(evidence):
         return _nothing(evidence)
+    short = [p for p in evidence.proofs if p.is_any_dynamics]
+    if short:
+        return _any_dynamics(evidence, short)
     if leader is not None:
         return Decided(
             "cannot tell",
@@ -201,6 +204,22 @@ def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
         f"An unexplained load acts at {_load_places(loads)}, but it is related to no variable of the "
         "model and no effect of the library explains it.",
         "Repeat the same experiment: what comes back in the same way belongs to the machine.",
+    )
+
+
+def _any_dynamics(evidence: Evidence, short: Sequence[Proof]) -> Decided:
+    """Lags or delays that do away with what is missing, and are too short to be told from one another."""
+    best = short[0]
+    own = f"{best.candidate.name}."
+    values = ", ".join(told_value(p) for p in best.told.parameters if p.name.startswith(own))
+    labels = _listed(tuple(p.candidate.label for p in short))
+    would = f"{labels if len(short) == 1 else f'any of {labels}'} would do ({values})"
+    return Decided(
+        "unknown effect",
+        f"Something dynamic is missing, and it is fast: {would}, but {best.reason}."
+        + _errors(evidence, best)
+        + _importance(evidence, best),
+        "Excite the machine over a wider band of frequencies, and measure a motion or a current between.",
     )
 
 
