@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from flat_models import Draft
 
+from daest.errors import ModelError
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
@@ -31,6 +32,12 @@ def shaken(d=0.0, cubic=0.0):
 
 def held_ground(seed=1):
     return np.repeat(np.random.default_rng(seed).normal(size=40), 10)[:, None]
+
+
+def recorded(flat, u, hold):
+    moved = simulate(flat, (TIME, u), hold=hold)
+    y = moved.outputs + 0.01 * np.random.default_rng(2).normal(size=moved.outputs.shape)
+    return Experiment("shaken", TIME, u, y, ("z",), ("y",))
 
 
 @pytest.mark.parametrize(("d", "cubic"), [(0.0, 0.0), (0.0, 5.0), (3.0, 0.0), (3.0, 5.0)])
@@ -61,10 +68,7 @@ def test_held_ground_moves_the_body_and_leaves_the_rate_untold(cubic):
 
 @pytest.mark.parametrize("cubic", [0.0, 5.0])
 def test_hold_is_chosen_where_the_rate_does_not_act(cubic):
-    u = held_ground()
-    moved = simulate(shaken(cubic=cubic), (TIME, u), hold="zoh")
-    y = moved.outputs + 0.01 * np.random.default_rng(2).normal(size=moved.outputs.shape)
-    record = Experiment("shaken", TIME, u, y, ("z",), ("y",))
+    record = recorded(shaken(cubic=cubic), held_ground(), "zoh")
     fit = identify(shaken(cubic=cubic), [record], IdentifyOptions(estimate=("c",)))
     assert fit.hold == "zoh"
     assert not any("derivative" in note for note in fit.notes)
@@ -72,3 +76,22 @@ def test_hold_is_chosen_where_the_rate_does_not_act(cubic):
     both = identify(shaken(cubic=cubic), [record], IdentifyOptions(estimate=("c", "d"), start={"d": 0.5}))
     assert both.hold == "foh"
     assert any("derivative of input z" in note for note in both.notes)
+
+
+@pytest.mark.parametrize("cubic", [0.0, 5.0])
+def test_ground_under_a_damper_runs_straight_without_a_word(cubic):
+    u = np.sin(2.0 * TIME + 3.0 * np.sin(0.9 * TIME))[:, None]
+    fit = identify(
+        shaken(3.0, cubic), [recorded(shaken(3.0, cubic), u, "foh")], IdentifyOptions(estimate=("c",))
+    )
+    assert (fit.hold, fit.status) == ("foh", "converged")
+    assert abs(fit.theta["c"] - 80.0) < 4.0 * fit.parameters[0].std_error
+
+
+@pytest.mark.parametrize("cubic", [0.0, 5.0])
+def test_a_damper_is_not_estimated_under_a_ground_that_is_held(cubic):
+    record = recorded(shaken(cubic=cubic), held_ground(), "zoh")
+    options = IdentifyOptions(estimate=("c", "d"), start={"d": 0.5}, hold="zoh")
+    with pytest.raises(ModelError) as refused:
+        identify(shaken(cubic=cubic), [record], options)
+    assert refused.value.code == "input-derivative-hold"

@@ -157,21 +157,21 @@ def diagnose(
             *switching_case(flat, library, experiments, validation, options), options, progress
         )
     stand, limits = limited(begin(flat, experiments, validation, options, progress), library, options)
-    holds = _Holds(stand)
+    holds = _Holds(stand, options)
 
-    def held(hold: Hold) -> tuple[Diagnosis, Callable[[], Diagnosis]]:
+    def held(hold: Hold) -> tuple[Sequence[Proof], Diagnosis]:
         again = replace(options, hold=hold)
         there, its_limits = limited(begin(flat, experiments, validation, again, progress), library, again)
         second = examine(there, library, again, progress)
-        return second, lambda: beside_limits(second, there, its_limits)
+        return second.proofs, beside_limits(second, there, its_limits)
 
     try:
         found = examine(stand, library, options, progress, holds.watched)
     except _HeldOtherwiseError as shown:
         progress(AGAIN.format(hold_text(shown.hold)))
-        second, told = held(shown.hold)
-        if says_as_much(second.proofs, shown.proofs):
-            return replace(told(), seconds=time.perf_counter() - stand.began)
+        proofs, told = held(shown.hold)
+        if says_as_much(proofs, shown.proofs):
+            return replace(told, seconds=time.perf_counter() - stand.began)
         found = examine(stand, library, options, progress)
         return beside_limits(found, stand, limits)
     better, other = holds.better(found.proofs), unsettled_hold(stand, found)
@@ -179,10 +179,10 @@ def diagnose(
     if hold is None or options.is_over:
         return beside_limits(found, stand, limits)
     progress((AGAIN if better else IN_VAIN).format(hold_text(hold)))
-    second, told = held(hold)
-    is_second = says_as_much(second.proofs, found.proofs) if better else says_more(second.proofs, stand)
-    best = told() if is_second else beside_limits(found, stand, limits)
-    return replace(best, seconds=found.seconds + second.seconds)
+    proofs, told = held(hold)
+    is_second = says_as_much(proofs, found.proofs) if better else says_more(proofs, stand)
+    best = told if is_second else beside_limits(found, stand, limits)
+    return replace(best, seconds=found.seconds + told.seconds)
 
 
 def switching_case(
@@ -213,19 +213,20 @@ class _Holds:
     and its log-likelihood."""
 
     stand: Stand
-    known: dict[tuple[str, float], Hold | None] = field(default_factory=dict)
+    options: DiagnoseOptions
+    known: dict[tuple[str, float] | None, Hold | None] = field(default_factory=dict)
 
     def better(self, proofs: Sequence[Proof]) -> Hold | None:
         """As `better_hold`."""
         best = best_start(proofs)
-        key = ("", 0.0) if best is None else (best.candidate.name, best.fit.log_likelihood)
+        key = None if best is None else (best.candidate.name, best.fit.log_likelihood)
         if key not in self.known:
             self.known[key] = better_hold(self.stand, proofs)
         return self.known[key]
 
     def watched(self, proofs: Sequence[Proof]) -> None:
-        """Raises _HeldOtherwiseError where the other hold is the better one."""
-        hold = self.better(proofs)
+        """Raises _HeldOtherwiseError where the other hold is the better one, and there is time for it."""
+        hold = None if self.options.is_over else self.better(proofs)
         if hold is not None:
             raise _HeldOtherwiseError(hold, proofs)
 

@@ -555,9 +555,9 @@ def _in_brief(
     if may_be_rival:
         return None, (), ""
     behind = leader.fit.log_likelihood - refit.fit.log_likelihood
-    much = "far better" if behind > GATES.hopeless_log_likelihood else "better with fewer parameters"
     if behind < 0.0:
         return rough, ahead, f"{leader.candidate.label} says nearly as much with fewer parameters"
+    much = "far better" if behind > GATES.hopeless_log_likelihood else "better with fewer parameters"
     reason = f"{leader.candidate.label} explains the data {much} (log-likelihood {behind:.0f})"
     return rough, ahead, reason
 

@@ -27,6 +27,7 @@ MEASURED: dict[Domain, str] = {  # what could be measured between two places
     "thermal": "a temperature or a flow of heat",
     "hydraulic": "a pressure or a flow",
 }
+WIDER_BAND = "Excite the machine over a wider band of frequencies, and measure a motion or a current between."
 LARGER = "Record again with larger amplitudes, which show more of the form of the law."
 
 
@@ -172,9 +173,6 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
         return _cannot_tell(evidence, accepted)
     if evidence.rest.is_explained(evidence):
         return _nothing(evidence)
-    short = [p for p in evidence.proofs if p.is_any_dynamics]
-    if short:
-        return _any_dynamics(evidence, short)
     if leader is not None:
         return Decided(
             "cannot tell",
@@ -186,6 +184,9 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
 
 
 def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
+    short = [p for p in evidence.proofs if p.is_any_dynamics]
+    if short:
+        return _any_dynamics(evidence, short)
     form = loads.form
     if form is not None and loads.is_related:
         return _no_law(evidence, loads, form) if loads.against_form else _unknown(evidence, loads, form)
@@ -194,7 +195,7 @@ def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
             "unknown effect",
             "Something dynamic is missing: the prediction errors stay correlated in time although loads "
             f"were admitted at {_load_places(loads)}, and no effect of the library explains them.",
-            "Excite the machine over a wider band of frequencies, and measure a motion or a current between.",
+            WIDER_BAND,
         )
     near = [p for p in evidence.proofs if p.delta_bic > GATES.min_told_bic_gain]
     if evidence.screen.p_value < GATES.missing_level and near:
@@ -219,7 +220,7 @@ def _any_dynamics(evidence: Evidence, short: Sequence[Proof]) -> Decided:
         f"Something dynamic is missing, and it is fast: {would}, but {best.reason}."
         + _errors(evidence, best)
         + _importance(evidence, best),
-        "Excite the machine over a wider band of frequencies, and measure a motion or a current between.",
+        WIDER_BAND,
     )
 
 

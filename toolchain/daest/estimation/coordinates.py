@@ -145,21 +145,21 @@ def parameter_coordinate(
     )
 
 
-def rescaled(unknowns: Unknowns, start: Evaluation | None, n_observed: int) -> Unknowns:
+def rescaled(unknowns: Unknowns, start: Callable[[], Evaluation | None], n_observed: int) -> Unknowns:
     """The unknowns with units for those linear parameters whose start value tells none: it is zero, or next
     to nothing beside the change that moves the outputs by as much as is left of them at the `start`.
 
     A search moves no coordinate by more than a few units in one step: from an offset of 0 N in units of 1 N
-    it would creep towards one of 800 N.
+    it would creep towards one of 800 N. The `start` is evaluated only if there are such parameters.
     """
-    if start is None:
-        return unknowns
     coordinates = list(unknowns.coordinates)
-    for i, one in enumerate(coordinates):
-        information = float(start.information[i, i])
-        if one.kind != "parameter" or one.is_log or one.is_nominal or not information > 0.0:
-            continue
-        unit = one.scale * np.sqrt(n_observed / information)
+    linear = [i for i, c in enumerate(coordinates) if not (c.is_log or c.is_nominal)]
+    here = start() if linear else None
+    if here is None:
+        return unknowns
+    for i in linear:
+        one, information = coordinates[i], float(here.information[i, i])
+        unit = one.scale * np.sqrt(n_observed / information) if information > 0.0 else 0.0
         if abs(one.initial) < NEXT_TO_NOTHING * unit:
             coordinates[i] = replace(one, scale=float(unit))
     return replace(unknowns, coordinates=tuple(coordinates))

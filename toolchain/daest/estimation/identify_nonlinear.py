@@ -41,12 +41,14 @@ from daest.estimation.optimum import best_point
 from daest.estimation.profile import Tell, silent
 from daest.estimation.records import part_of
 from daest.estimation.result import assembled, fit_result
-from daest.estimation.search import minimise
+from daest.estimation.search import Evaluation, minimise
 from daest.estimation.setup import Setup, no_start
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, IdentifyOptions
 from daest.model.flat import Dynamics
+from daest.model.holds import Hold
+from daest.systems.input_slopes import acting_slopes
 from daest.systems.integrate import integrator
 
 # Of the integration in a search that starts warm. With dry friction in a servo a prediction is then off by at
@@ -91,7 +93,10 @@ def identify_nonlinear(explicit: Dynamics, setup: Setup, tell: Tell = silent) ->
 def nonlinear_ends(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> NonlinearEnds:
     """The ends of the searches of `identify_nonlinear`, which raises the same."""
     unscaled = _problem(explicit, setup)
-    at_start = objective(unscaled)(unscaled_start(unscaled), True)
+
+    def at_start() -> Evaluation | None:
+        return objective(unscaled)(unscaled_start(unscaled), True)
+
     setup = replace(setup, unknowns=rescaled(setup.unknowns, at_start, setup.n_observed))
     problem, z = started(replace(unscaled, unknowns=setup.unknowns))
     problem, z = with_hold(problem, z, setup.options)
@@ -108,10 +113,13 @@ def nonlinear_ends(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> Non
 
 
 def _problem(explicit: Dynamics, setup: Setup) -> TrajectoryProblem:
+    """Without a given hold, with held inputs if the model can be driven by them."""
+    names = setup.unknowns.parameter_names()
+    first: Hold = "foh" if acting_slopes(explicit, names, setup.unknowns.theta) else "zoh"
     return TrajectoryProblem(
-        integrator(explicit, setup.unknowns.parameter_names()),
+        integrator(explicit, names),
         setup.experiments,
-        setup.options.hold or "zoh",
+        setup.options.hold or first,
         setup.unknowns,
         np.ones(explicit.n_states),
         setup.given_std,

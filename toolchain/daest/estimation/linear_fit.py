@@ -69,7 +69,7 @@ def linear_ends(family: StateSpaceFamily, setup: Setup, tell: Tell) -> LinearEnd
     has_direct_noise = bool(np.any(state_space(family, setup.unknowns.theta).H != 0.0))
     sampled: Literal["white", "held"] = "held" if has_direct_noise else "white"
     simulation = Problem(family, records, "foh", setup.unknowns, setup.estimate_std, sampled)
-    at_start = objective(simulation)(setup.unknowns.start, True)
+    at_start = partial(objective(simulation), setup.unknowns.start, True)
     setup = replace(setup, unknowns=rescaled(setup.unknowns, at_start, setup.n_observed))
     simulation = replace(simulation, unknowns=setup.unknowns)
     simulation = replace(simulation, hold=_chosen_hold(simulation, setup.experiments, setup.options.hold))

@@ -166,10 +166,8 @@ def with_hold(
     problem: TrajectoryProblem, z: np.ndarray, options: IdentifyOptions
 ) -> tuple[TrajectoryProblem, np.ndarray]:
     """The given hold, or the one with the higher likelihood after short fits. Shapes: z (n_z,)."""
-    if options.hold is not None or not problem.model.explicit.flat.inputs:
+    if options.hold is not None or not problem.model.explicit.flat.inputs or _needs_slopes(problem):
         return problem, z
-    if _needs_slopes(problem):
-        return replace(problem, hold="foh"), z
     ends: dict[Hold, Found] = {}
     ranked = ranked_holds(_moving(problem), _short_fits(problem, z, ends))
     return (replace(problem, hold=ranked[0]), ends[ranked[0]].z) if ranked else (problem, z)

@@ -110,12 +110,11 @@ class Site:
     "output" or "parameter" has none, its name is the variable's. An "equation" is a balance of a model
     without connectors, called `7:v` by its index and the variable whose rate it gives; an "exchange" is
     between two such balances of heat or volume, called by both, or between one of heat and an input that is
-    a temperature; a "force" acts between the bodies of such
-    balances, called `4:F` by the equation that gives it or by the balances in which it stands; a "mesh" is a
-    sum of voltages along a path, called `2:i` by its index and its current; a "terminal" is an output voltage
-    at which an input current flows, called `u:i` by both. `aliases` are other names for the
-    same place; `parameters` what the place has of its own: names as an effect asks for them, `c` for a
-    stiffness, and those of the model's parameters.
+    a temperature; a "force" acts between the bodies of such balances, called `4:F` by the equation that gives
+    it or by the balances in which it stands; a "mesh" is a sum of voltages along a path, called `2:i` by its
+    index and its current; a "terminal" is an output voltage at which an input current flows, called `u:i` by
+    both. `aliases` are other names for the same place; `parameters` what the place has of its own: names as
+    an effect asks for them, `c` for a stiffness, and those of the model's parameters.
     """
 
     name: str

@@ -411,8 +411,7 @@ class _Assembly:
         potential, symbol = member.local(own, 0)
         variable = self.flat.unknowns[balance.variable]
         if not needs_position(member.effect.domain):
-            shift, shown = (ZERO_CELSIUS, f" + {ZERO_CELSIUS}") if variable.unit == "degC" else (0.0, "")
-            self._tie(potential, symbol, f"{variable.name}{shown}", self.xi[balance.variable] + shift)
+            self._tie(potential, symbol, *_potential_of(variable, self.xi[balance.variable]))
         elif balance.position >= 0:
             position = self.flat.unknowns[balance.position].name
             self._tie(potential, symbol, position, self.xi[balance.position])
@@ -422,10 +421,7 @@ class _Assembly:
     def _at_input(self, member: _Member, own: str, name: str) -> None:
         """The potential of the effect's connector `own` follows the temperature that is the input `name`."""
         at = next(i for i, one in enumerate(self.flat.inputs) if one.name == name)
-        shift, shown = (
-            (ZERO_CELSIUS, f" + {ZERO_CELSIUS}") if self.flat.inputs[at].unit == "degC" else (0.0, "")
-        )
-        self._tie(*member.local(own, 0), f"{name}{shown}", self.u[at] + shift)
+        self._tie(*member.local(own, 0), *_potential_of(self.flat.inputs[at], self.u[at]))
 
     def _beside_force(self, member: _Member, name: str) -> None:
         """The effect's flow becomes a term beside a force between bodies, its potential follows their
@@ -640,6 +636,13 @@ def _placed_noise(noise: NoiseInput, component: str) -> NoiseInput:
         name=f"{component}.{noise.name}",
         intensity_parameter=f"{component}.{source}" if source else "",
     )
+
+
+def _potential_of(variable: Variable, symbol: ca.SX) -> tuple[str, ca.SX]:
+    """A variable as the potential of a connector, as text and as an expression: temperatures are absolute."""
+    if variable.unit != "degC":
+        return variable.name, symbol
+    return f"{variable.name} + {ZERO_CELSIUS}", symbol + ZERO_CELSIUS
 
 
 def _owner(name: str) -> str:

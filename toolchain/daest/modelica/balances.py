@@ -22,7 +22,6 @@ DOMAINS: dict[str, Domain] = {
     "Pa": "hydraulic",
     "V": "electrical",
 }
-TEMPERATURES = ("K", "degC")
 LEVEL = "m"  # of a liquid, where flows or areas stand in the equation; else a position
 _VOLUME_FLOW = {"[length]": 3.0, "[time]": -1.0}
 _AREA = {"[length]": 2.0}

@@ -12,7 +12,7 @@ import numpy as np
 from daest.errors import ModelError
 from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
-from daest.modelica.balances import TEMPERATURES, Balance, balances, slopes_near_start
+from daest.modelica.balances import DOMAINS, Balance, balances, slopes_near_start
 from daest.modelica.connectors import Connector, connectors_of
 from daest.modelica.internal_forces import internal_forces
 from daest.modelica.meshes import meshes
@@ -124,15 +124,11 @@ def _exchanges_with_surroundings(flat: FlatModel, balance: Balance) -> list[Site
     if balance.domain(flat) != "thermal" or not balances_flows(flat, balance):
         return []
     used = ca.which_depends(flat.residual[balance.row], flat.u, 1, False)
-    warm = [
-        one.name
-        for one, is_used in zip(flat.inputs, used, strict=True)
-        if is_used and one.unit in TEMPERATURES
-    ]
     own = flat.unknowns[balance.variable].name
     return [
-        Site(f"{balance.name(flat)}, {name}", "exchange", "thermal", aliases=(f"{own}, {name}",))
-        for name in warm
+        Site(f"{balance.name(flat)}, {one.name}", "exchange", "thermal", aliases=(f"{own}, {one.name}",))
+        for one, is_used in zip(flat.inputs, used, strict=True)
+        if is_used and DOMAINS.get(one.unit) == "thermal"
     ]
 
 

@@ -491,20 +491,21 @@ def _flags(source: str, wanted: str) -> tuple[str, ...]:
 
 
 def interval_inputs(
-    explicit: Dynamics, time: np.ndarray, inputs: np.ndarray, hold: Hold
+    explicit: Dynamics, time: np.ndarray, inputs: np.ndarray, hold: Hold, theta: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """ū = (u, v) at the two ends of each sample interval, each (n_samples - 1, n_ū).
 
     inputs (n_samples, n_u). A first derivative that the model needs is the slope of a foh input, and zero
     for a held one. Raises ModelError `input-derivative-order` or `input-derivative-hold` where the model
-    moves by a derivative that the hold does not have.
+    moves, at `theta` (n_theta,; default: the values of the model), by a derivative that the hold does not
+    have.
     """
     names = [one.name for one in explicit.flat.inputs]
     start, end = inputs[:-1], interval_ends(inputs, hold, names)
     held = held_inputs(hold, names)
     slopes = (end - start) / np.diff(time)[:, None]
     slopes[:, np.flatnonzero(held)] = 0.0
-    for derivative in acting_slopes(explicit):
+    for derivative in acting_slopes(explicit, theta=theta):
         if derivative.order > 1 or held[derivative.index]:
             name = explicit.flat.inputs[derivative.index].name
             raise ModelError(
@@ -547,7 +548,7 @@ def integrate(
     `tell` hears of the time that a long run has reached; an exception in it ends the run.
     Raises IntegrationError with the time it stopped at.
     """
-    u0, u1 = interval_inputs(model.explicit, time, inputs, hold)
+    u0, u1 = interval_inputs(model.explicit, time, inputs, hold, theta)
     scale = np.ones(x0.shape[0]) if state_scale is None else np.maximum(np.abs(state_scale), 1e-30)
     u_last = inputs[-1:] if u1.shape[0] == 0 else np.hstack([inputs[-1:], u1[-1:, inputs.shape[1] :]])
     columns = (time, u0, u1, u_last, theta, x0)
