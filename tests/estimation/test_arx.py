@@ -1,6 +1,7 @@
 """ARX models and start values: the report's way to k, (9)-(11), on simulated data of the report's plant."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import casadi as ca
 import hand_models as hand
@@ -19,7 +20,10 @@ from daest.estimation.linear_predictors import Problem
 from daest.estimation.records import make_record
 from daest.model.experiment import Experiment
 from daest.model.parts import Parameter
-from daest.systems.state_space import sample, state_space
+from daest.modelica.compile import compile_text
+from daest.systems.reduce import reduce_index
+from daest.systems.simulate import simulate
+from daest.systems.state_space import sample, state_space, state_space_family
 
 # Table 1 of the report, with its sign: u > 0 turns the speed negative.
 REPORT = {"d": 5.87e-4, "c": 0.0341, "J1": 6.30e-6, "J2": 4.17e-4, "R": 4.60, "k": -0.0599, "n": 30.0}
@@ -133,6 +137,36 @@ def test_two_inputs_are_told_apart():
     start = start_values(family, run, ["a", "g"])
     assert start["a"] == pytest.approx(2.0, rel=0.1)
     assert start["g"] == pytest.approx(0.7, rel=0.1)
+
+
+TRAILER = b"""model Trailer "A body on two springs with dampers, whose ends are moved"
+  parameter Real k1(unit = "N/m", min = 0) = 900;
+  parameter Real k2(unit = "N/m", min = 0) = 100;
+  input Real r1(unit = "m");
+  input Real r2(unit = "m");
+  output Real y(unit = "m") = z;
+  Real z(unit = "m");
+  Real v(unit = "m/s");
+  Real e1(unit = "m") = z - r1;
+  Real e2(unit = "m") = z - r2;
+equation
+  der(z) = v;
+  10*der(v) = -k1*e1 - 60*der(e1) - k2*e2 - 20*der(e2);
+end Trailer;
+"""
+
+
+def test_inputs_that_act_by_their_derivatives_are_no_further_inputs():
+    flat = compile_text(TRAILER, Path("Trailer.mo"))
+    family, time = state_space_family(reduce_index(flat)), 0.02 * np.arange(3000)
+    assert family.input_derivatives
+    ends = np.column_stack(
+        [np.convolve(hand.multisine(3000, 0.02, seed), np.ones(5) / 5, "same") for seed in (1, 2)]
+    )
+    y = simulate(flat.with_theta({"k1": 300.0, "k2": 500.0}), (time, ends), hold="foh").outputs
+    run = Experiment("ends", time, ends, y, ("r1", "r2"), ("y",))
+    start = start_values(family, run, ["k1", "k2"])
+    assert start == {"k1": pytest.approx(300.0, rel=0.05), "k2": pytest.approx(500.0, rel=0.05)}
 
 
 def uneven(run):

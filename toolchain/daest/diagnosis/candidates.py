@@ -190,18 +190,19 @@ def periods(
 
 def most_likely_periods(angle: np.ndarray, innovations: np.ndarray) -> int | None:
     """The whole number of periods over 2*pi of `angle` (n_samples,) whose sine and cosine explain most of the
-    `innovations` (n_samples, n_y). None where the motion does not reach a turn, or a period is passed within
-    two samples: what is faster would look like fewer periods."""
+    `innovations` (n_samples, n_y), from two on: one in a turn is a weight off the axis, a law of its own.
+    None where the motion does not reach a turn, or a period is passed within two samples: what is faster
+    would look like fewer periods."""
     if np.ptp(angle) < 2.0 * np.pi:
         return None
     fastest = np.quantile(np.abs(np.diff(angle)), 0.95)
     most = int(min(MOST_PERIODS, np.pi / fastest)) if fastest > 0.0 else MOST_PERIODS
     power = []
-    for n in range(1, most + 1):
+    for n in range(2, most + 1):
         table = np.column_stack([np.sin(n * angle), np.cos(n * angle)])
         seen = table.T @ innovations
         power.append(float(np.sum(seen * np.linalg.lstsq(table.T @ table, seen, rcond=None)[0])))
-    return 1 + int(np.argmax(power)) if power else None
+    return 2 + int(np.argmax(power)) if power else None
 
 
 def courses(

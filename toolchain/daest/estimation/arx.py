@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -96,7 +96,8 @@ def matched_start(problem: Problem, seed: int = 0) -> np.ndarray | None:
     record = max(problem.records, key=lambda r: r.n_samples)
     if record.period is None or not problem.family.inputs:
         return None
-    return _match(problem.family, record, problem.unknowns, seed)
+    proper = record.inputs[:, : len(problem.family.inputs)]  # their derivatives in time follow them
+    return _match(problem.family, replace(record, inputs=proper), problem.unknowns, seed)
 
 
 def physical_orders(ss: StateSpace, output: int) -> tuple[int, int]:

@@ -73,7 +73,10 @@ def balances(flat: FlatModel) -> list[Balance]:
     if not rows:
         return []
     slopes = slopes_near_start(flat)
-    rates, definitions = _rates(slopes, rows, _own_unknowns(flat))
+    # `der(e) = v - road` is no position of what moves with v.
+    by_inputs = ca.which_depends(flat.residual, flat.u, 1, True) if flat.u.numel() else []
+    unmoved = [row for row in rows if not (by_inputs and by_inputs[row])]
+    rates, definitions = _rates(slopes, unmoved, _own_unknowns(flat))
     positions = {rate: variable for variable, rate in rates.items()}
     assigned = set() if flat.events is None else {one.unknown for one in flat.events.assignments}
     found: list[Balance] = []

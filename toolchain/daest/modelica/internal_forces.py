@@ -3,7 +3,10 @@ in `F = c*(s1 - s2)`, `m1*der(v1) = u - F` and `m2*der(v2) = F`, and those that 
 
 What does work against such a force is the relative motion of the bodies. Of a force that acts with the
 factors a on bodies with the speeds v, the power is the sum of a*v*F, so that an effect beside it sees the
-speed which is the sum of -a*v: for the spring above v1 - v2, for a belt on two pulleys r1*w1 - r2*w2."""
+speed which is the sum of -a*v: for the spring above v1 - v2, for a belt on two pulleys r1*w1 - r2*w2.
+
+What a body stands on may be moved by an input, as a wheel by the road in `F = c*(z - road)`: the force then
+goes with the motion relative to that, z - road, and one body is enough."""
 
 from __future__ import annotations
 
@@ -21,7 +24,10 @@ from daest.modelica.text import number_text
 from daest.quantities import is_of
 
 _FORCES: dict[Domain, str] = {"translational": "N", "rotational": "N.m"}
+_POSITIONS: dict[Domain, str] = {"translational": "m", "rotational": "rad"}
+_SPEEDS: dict[Domain, str] = {"translational": "m/s", "rotational": "rad/s"}
 _N_POINTS = 3  # at which a parameter must act on two bodies alike
+_DEPTH = 5  # of variables that are given by others
 _TOLERANCE = 1e-9  # relative, of what rounding alone makes differ
 _SEED = 20040102
 
@@ -32,24 +38,30 @@ class InternalForce:
     where this is None. `bodies` are the balances with the factors, expressions of the parameters, by which
     their speeds sum up to that of the relative motion; `signs` the equations that the flow of an effect
     enters, each with its factor in the residual: that which gives the force, or the two balances.
-    `deflection` is the unknown of the model that is the relative position, as phi in `der(phi) = w1 - w2`,
-    with its sign; None where there is none."""
+    `ground` are the inputs, with their factors, that move what the bodies stand on: they are part of the
+    relative motion. `deflection` is the unknown of the model that is the relative position, as phi in
+    `der(phi) = w1 - w2` or e in `e = z - road`, with its sign; None where there is none."""
 
     domain: Domain
     bodies: tuple[tuple[Balance, ca.SX], ...]
     signs: tuple[tuple[int, float], ...]
     variable: int | None = None
+    ground: tuple[tuple[int, float], ...] = ()
     deflection: tuple[int, float] | None = None
 
     def name(self, flat: FlatModel) -> str:
         if self.variable is not None:
             return f"{self.signs[0][0]}:{flat.unknowns[self.variable].name}"
-        return ", ".join(body.name(flat) for body, _ in self.bodies)
+        return ", ".join([*(body.name(flat) for body, _ in self.bodies), *self._ground_names(flat)])
 
     def aliases(self, flat: FlatModel) -> tuple[str, ...]:
         if self.variable is not None:
             return flat.equations[self.signs[0][0]].text, flat.unknowns[self.variable].name
-        return (", ".join(flat.unknowns[body.variable].name for body, _ in self.bodies),)
+        bodies = [flat.unknowns[body.variable].name for body, _ in self.bodies]
+        return (", ".join([*bodies, *self._ground_names(flat)]),)
+
+    def _ground_names(self, flat: FlatModel) -> list[str]:
+        return [flat.inputs[i].name for i, _ in self.ground]
 
     @property
     def has_positions(self) -> bool:
@@ -58,12 +70,12 @@ class InternalForce:
 
     def motion(self, flat: FlatModel) -> ca.SX:
         """The relative position, or the relative speed where a body has no position."""
-        return _sum((factor, flat.xi[i]) for i, factor in self._terms())
+        return _sum((factor, symbol) for symbol, _, factor in self._terms(flat))
 
     def motion_text(self, flat: FlatModel) -> str | None:
         """The same as Modelica writes it; None where a factor is neither a number nor a parameter."""
         text = ""
-        terms = [(_printed(factor, flat), flat.unknowns[i].name) for i, factor in self._terms()]
+        terms = [(_printed(factor, flat), name) for _, name, factor in self._terms(flat)]
         for (sign, factor), variable in sorted(terms, key=lambda term: term[0][0]):  # what is added first
             if factor is None:
                 return None
@@ -82,21 +94,29 @@ class InternalForce:
         known = {p.name for p in flat.parameters}
         return tuple((name, text) for name, (sign, text) in printed if sign == "+" and text in known)
 
-    def _terms(self) -> Iterator[tuple[int, ca.SX]]:
+    def _terms(self, flat: FlatModel) -> Iterator[tuple[ca.SX, str, ca.SX]]:
+        """Symbol, name and factor of what the relative motion is the sum of."""
         if self.deflection is not None:
-            yield self.deflection[0], ca.SX(self.deflection[1])
+            i, sign = self.deflection
+            yield flat.xi[i], flat.unknowns[i].name, ca.SX(sign)
             return
         for body, factor in self.bodies:
-            yield body.position if self.has_positions else body.variable, factor
+            i = body.position if self.has_positions else body.variable
+            yield flat.xi[i], flat.unknowns[i].name, factor
+        for i, sign in self.ground:
+            yield flat.u[i], flat.inputs[i].name, ca.SX(sign)
 
 
 def internal_forces(flat: FlatModel) -> list[InternalForce]:
-    """Forces between bodies in the model's own equations, one of those that the same motion drives."""
+    """Forces between bodies, or between one and what an input moves, in the model's own equations: one of
+    those that the same motion drives."""
     bodies = [b for b in balances(flat) if b.domain(flat) in _FORCES]
-    if len(bodies) < 2:
-        return []
     found: list[InternalForce] = []
-    for force in (*_given_by_equations(flat, bodies), *_in_balances(flat, bodies)):
+    for force in (
+        *_given_by_equations(flat, bodies),
+        *_in_balances(flat, bodies),
+        *_on_moved_ground(flat, bodies),
+    ):
         if not any(_is_same_motion(force, other, flat) for other in found):
             found.append(force)
     return found
@@ -113,10 +133,67 @@ def _given_by_equations(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[
             continue
         own = [row for row in laws if abs(slopes[row, variable]) == 1.0 and not _is_definition(slopes[row])]
         acting = _acting(flat, bodies, variable, domain)
-        if len(own) == 1 and len(acting) >= 2:
-            sign = -float(slopes[own[0], variable])
-            deflection = _deflection(flat, acting)
-            yield InternalForce(domain, acting, ((own[0], sign),), variable, deflection)
+        if len(own) != 1 or not acting:
+            continue
+        sign = -float(slopes[own[0], variable])
+        law = _spelled_out(flat, sign * flat.residual[own[0]], slopes, {*laws} - {*own}, {*kinetic, variable})
+        ground = _ground(flat, law, acting, domain)
+        if ground or len(acting) >= 2:
+            deflection = _deflection(flat, acting, ground)
+            yield InternalForce(domain, acting, ((own[0], sign),), variable, ground, deflection)
+
+
+def _spelled_out(flat: FlatModel, law: ca.SX, slopes: np.ndarray, rows: set[int], kept: set[int]) -> ca.SX:
+    """The law with the unknowns that one of the `rows` gives without a derivative put in, but for those that
+    are `kept`."""
+    n = flat.xi.numel()
+    for _ in range(_DEPTH):
+        used = np.flatnonzero(ca.which_depends(law, flat.xi, 1, False)).tolist() if law.numel() else []
+        given = {}
+        for k in used:
+            own = [i for i in rows if abs(slopes[i, k]) == 1.0 and not np.any(slopes[i, n:])]
+            if k not in kept and len(own) == 1:
+                given[k] = flat.xi[k] - float(slopes[own[0], k]) * flat.residual[own[0]]
+        if not given:
+            break
+        law = ca.substitute(law, ca.vertcat(*(flat.xi[k] for k in given)), ca.vertcat(*given.values()))
+    return law
+
+
+def _ground(
+    flat: FlatModel, law: ca.SX, bodies: Sequence[tuple[Balance, ca.SX]], domain: Domain
+) -> tuple[tuple[int, float], ...]:
+    """The inputs that move what the bodies stand on, with the factors by which they enter the relative motion
+    whose function the `law` is; none where it is no function of that."""
+    has_positions = all(body.position >= 0 for body, _ in bodies)
+    unit = (_POSITIONS if has_positions else _SPEEDS)[domain]
+    candidates = [i for i, one in enumerate(flat.inputs) if is_of(one.unit, unit)]
+    if not candidates:
+        return ()
+    own = [flat.xi[body.position if has_positions else body.variable] for body, _ in bodies]
+    moved = ca.vertcat(*own, *(flat.u[i] for i in candidates))
+    values = _at_points(flat, ca.vertcat(ca.jacobian(law, moved).T, *(factor for _, factor in bodies)))
+    n_bodies, n_all = len(own), moved.numel()
+    with np.errstate(all="ignore"):
+        per_motion = values[:n_bodies] / values[n_all:]
+        factors = values[n_bodies:n_all] / per_motion[:1]
+    is_motion = np.all(np.isfinite(factors)) and np.allclose(per_motion, per_motion[:1], rtol=_TOLERANCE)
+    if not is_motion or not np.allclose(factors, factors[:, :1], rtol=_TOLERANCE, atol=_TOLERANCE):
+        return ()
+    return tuple(
+        (i, float(np.round(value)))
+        for i, value in zip(candidates, factors[:, 0], strict=True)
+        if abs(abs(value) - 1.0) < _TOLERANCE
+    )
+
+
+def _at_points(flat: FlatModel, column: ca.SX) -> np.ndarray:
+    """The values of a column at random points of the variables and the parameters, (n, n_points)."""
+    everything = [flat.xi, flat.derivatives, flat.u, flat.w, flat.theta]
+    evaluate = ca.Function("values", [*everything, flat.time], [column])
+    rng = np.random.default_rng(_SEED)
+    points = [[rng.uniform(0.5, 1.5, x.numel()) for x in everything] for _ in range(_N_POINTS)]
+    return np.column_stack([evaluate(*point, 0.7).full().ravel() for point in points])
 
 
 def _is_definition(slopes: np.ndarray) -> bool:
@@ -148,17 +225,30 @@ def _acting(
     return tuple(found)
 
 
-def _deflection(flat: FlatModel, bodies: Sequence[tuple[Balance, ca.SX]]) -> tuple[int, float] | None:
+def _deflection(
+    flat: FlatModel, bodies: Sequence[tuple[Balance, ca.SX]], ground: Sequence[tuple[int, float]] = ()
+) -> tuple[int, float] | None:
     """The unknown whose rate a row of the model says to be the relative speed of the bodies, or minus that,
-    and its sign; None where there is none."""
-    speed = _sum((factor, flat.xi[body.variable]) for body, factor in bodies)
-    for row, equation in zip(ca.vertsplit(flat.residual), flat.equations, strict=True):
-        if equation.kind != "component" or equation.origin:
-            continue
-        for k in np.flatnonzero(ca.which_depends(row, flat.derivatives, 1, False)).tolist():
-            for sign in (1.0, -1.0):
-                if _is_same(flat, row, flat.derivatives[k] - sign * speed):
-                    return k, sign
+    and its sign, or that a row says to be their position relative to the `ground`; None where there is
+    none."""
+    has_positions = all(body.position >= 0 for body, _ in bodies)
+    moved = _sum((ca.SX(sign), flat.u[i]) for i, sign in ground)
+    motions: list[tuple[ca.SX, ca.SX]] = []
+    if not ground or not has_positions:
+        speed = _sum((factor, flat.xi[body.variable]) for body, factor in bodies)
+        motions.append((flat.derivatives, speed + moved))
+    if has_positions:
+        position = _sum((factor, flat.xi[body.position]) for body, factor in bodies)
+        motions.append((flat.xi, position + moved))
+    own = {body.position for body, _ in bodies}
+    for symbols, motion in motions:
+        for row, equation in zip(ca.vertsplit(flat.residual), flat.equations, strict=True):
+            if equation.kind not in ("component", "binding") or equation.origin:
+                continue
+            for k in np.flatnonzero(ca.which_depends(row, symbols, 1, False)).tolist():
+                for sign in (1.0, -1.0):
+                    if k not in own and _is_same(flat, row, symbols[k] - sign * motion):
+                        return k, sign
     return None
 
 
@@ -184,9 +274,14 @@ def _slopes(force: InternalForce, flat: FlatModel) -> tuple[ca.SX, ca.SX]:
     ((row, sign),) = force.signs
     law = sign * flat.residual[row]
     speeds = _sum((f, flat.xi[body.variable]) for body, f in others)
-    law = ca.substitute(law, flat.xi[first.variable], (v - speeds) / factor)
-    if all(body.position >= 0 for body, _ in force.bodies):
-        positions = _sum((f, flat.xi[body.position]) for body, f in others)
+    ground = _sum((ca.SX(sign), flat.u[i]) for i, sign in force.ground)
+    has_positions = all(body.position >= 0 for body, _ in force.bodies)
+    if not has_positions:
+        law = ca.substitute(law, flat.xi[first.variable], (v - speeds - ground) / factor)
+    elif not force.ground:  # else the speeds are not those relative to the ground
+        law = ca.substitute(law, flat.xi[first.variable], (v - speeds) / factor)
+    if has_positions:
+        positions = _sum((f, flat.xi[body.position]) for body, f in others) + ground
         law = ca.substitute(law, flat.xi[first.position], (x - positions) / factor)
     if force.deflection is not None:
         k, direction = force.deflection
@@ -215,6 +310,25 @@ def _in_balances(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[Interna
             yield InternalForce(domain, both, signs, deflection=_deflection(flat, both))
 
 
+def _on_moved_ground(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
+    """Forces between one body and what an input moves, in the balance of the body: a parameter multiplies a
+    function of the motion relative to the input, as c in `m*der(v) = -c*(z - road)`."""
+    slopes, laws = slopes_near_start(flat), own_laws(flat)
+    rows = {*laws} - {body.row for body in bodies}
+    kinetic = {i for body in bodies for i in (body.variable, body.position)}
+    for body in bodies:
+        domain = body.domain(flat)
+        if domain is None or not balances_flows(flat, body):
+            continue
+        terms = ca.jacobian(_spelled_out(flat, flat.residual[body.row], slopes, rows, kinetic), flat.theta)
+        for k in range(flat.theta.numel()):
+            own = ((body, ca.SX(1.0)),)
+            ground = _ground(flat, terms[k], own, domain) if not terms[k].is_zero() else ()
+            if ground:
+                deflection = _deflection(flat, own, ground)
+                yield InternalForce(domain, own, ((body.row, body.sign),), None, ground, deflection)
+
+
 def _actions(flat: FlatModel, bodies: Sequence[Balance]) -> tuple[np.ndarray, np.ndarray]:
     """The slopes of the bodies' balances over the parameters at random points, (n_bodies, n_theta, n_points),
     and whether they change with the motion of a body, (n_bodies, n_theta, n_bodies)."""
@@ -240,7 +354,8 @@ def _is_same_motion(one: InternalForce, other: InternalForce, flat: FlatModel) -
     """Whether the relative motions are the same but for their sign."""
     values = []
     for force in (one, other):
-        evaluate = ca.Function("motion", [flat.theta], [ca.jacobian(force.motion(flat), flat.xi)])
+        moved = ca.jacobian(force.motion(flat), ca.vertcat(flat.xi, flat.u))
+        evaluate = ca.Function("motion", [flat.theta], [moved])
         values.append(evaluate(flat.theta_values).full().ravel())
     a, b = values
     return any(np.allclose(a, sign * b, rtol=_TOLERANCE, atol=0.0) for sign in (1.0, -1.0))
