@@ -124,3 +124,47 @@ equation
 end Node;
 """
     assert not [s for s in sites(compile_text(text.encode(), Path("Node.mo"))) if s.kind == "mesh"]
+
+
+PIPE = """model Pipe
+  parameter Real L(unit = "kg/m4") = 2e6;
+  parameter Real R(unit = "Pa.s/m3") = 3e6;
+  parameter Real C(unit = "m3/Pa") = 1e-7;
+  parameter Real G(unit = "m3/(s.Pa)") = 2e-8;
+  input Real p(unit = "Pa");
+  output Real y(unit = "m3/s") = q;
+  Real q(unit = "m3/s", start = 0, fixed = true);
+  Real pv(unit = "Pa", start = 0, fixed = true);
+equation
+  L*der(q) = p - pv - R*q;
+  C*der(pv) = q - G*pv;
+end Pipe;
+"""
+
+
+def test_orifice_is_put_in_series_in_a_pipe(tmp_path):
+    path, k = tmp_path / "Pipe.mo", 4e9
+    path.write_text(PIPE)
+    flat, effect = compile_model(path), find_effect("Hydraulic.Orifice")
+    (site,) = [s for s in sites(flat) if s.kind == "mesh"]
+    assert (site.name, site.domain) == ("0:q", "hydraulic") and fits(effect, site)
+    assert not fits(find_effect("Electrical.BrushVoltageDrop"), site)
+
+    def flowing(k):
+        def rate(_, state):
+            q, pv = state
+            return [(2e5 - pv - 3e6 * q - k * q * abs(q)) / 2e6, (q - 2e-8 * pv) / 1e-7]
+
+        return solve_ivp(rate, (0.0, 3.0), [0.0, 0.0], method="Radau", rtol=1e-9, atol=1e-12).y[0, -1]
+
+    drive = (np.linspace(0.0, 3.0, 301), np.full((301, 1), 2e5))
+    values = {"k": k, "q_s": 1e-9}
+    written = extend_model(path, None, effect, site, values=values)
+    assert "Daest.Terms.PressureDrop q_term(q = q)" in written.text
+    for model in (attach(flat, effect, site, values=values), written.flat):
+        assert simulate(model, drive).outputs[-1, 0] == pytest.approx(flowing(k), rel=2e-5)
+    base = tmp_path / "Base.mo"
+    base.write_text(written.text)
+    assert simulate(compile_model(base, "Pipe"), drive).outputs[-1, 0] == pytest.approx(
+        flowing(0.0), rel=2e-5
+    )

@@ -55,7 +55,8 @@ def load_sites(flat: FlatModel) -> list[Site]:
     them, a circuit of one loop say, in its meshes, and where no unit tells a domain, in any balance."""
     known = sites(flat)
     flows = [site for site in known if site.kind in ("node", "equation")]
-    return flows or [site for site in known if site.kind == "mesh"] or untold_balances(flat)
+    loops = [site for site in known if site.kind == "mesh" and site.domain == "electrical"]
+    return flows or loops or untold_balances(flat)
 
 
 def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]:

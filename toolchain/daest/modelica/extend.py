@@ -474,8 +474,9 @@ def _in_mesh(draft: _Draft, placement: Placement, original: _Original) -> _Origi
     with _opening(original, f"the equation {flat.equations[place.row].text}"):
         source, term = opened_mesh(original.source, flat, place, names_of(flat))
     draft.changes.append(f"{term}(is_used = true)")
-    for own, pin in zip(placement.effect.connectors, ("p", "n"), strict=True):
-        draft.connect(f"{placement.name}.{own}", f"{term}.{pin}")
+    ends = ("p", "n") if place.domain == "electrical" else ("port_a", "port_b")
+    for own, end in zip(placement.effect.connectors, ends, strict=True):
+        draft.connect(f"{placement.name}.{own}", f"{term}.{end}")
     return original.changed(source)
 
 

@@ -1,5 +1,6 @@
 """Meshes among the bare equations of a model: rows such as `u = R*i + Ke*w` or `L*der(i) = u - R*i - Ke*w`,
-the sums of voltages along a path with one current, where an effect can be put in series."""
+the sums of voltages along a path with one current, where an effect can be put in series; and those of
+pressures along a pipe with one flow, `L*der(q) = p - R*q`."""
 
 from __future__ import annotations
 
@@ -8,19 +9,27 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.modelica.balances import own_laws, slopes_near_start
 from daest.modelica.place_units import slope_has_unit
 from daest.modelica.terminals import CURRENT, VOLTAGE
 from daest.quantities import is_of
 
+UNITS: dict[Domain, tuple[str, str]] = {  # of what drops along the path, and of what flows
+    "electrical": (VOLTAGE, CURRENT),
+    "hydraulic": ("Pa", "m3/s"),
+}
+
 
 @dataclass(frozen=True)
 class Mesh:
     """Row `row` with the current that is unknown `variable`. `sign` is the factor with which a voltage
     against the current enters the residual where the terms are voltages. Where they are currents or rates,
-    the voltage is taken off the `source`, a voltage of the row: its name and its symbol."""
+    the voltage is taken off the `source`, a voltage of the row: its name and its symbol. In the hydraulic
+    domain read pressure and flow for voltage and current."""
 
+    domain: Domain
     row: int
     variable: int
     sign: float
@@ -34,55 +43,62 @@ class Mesh:
 
 
 def meshes(flat: FlatModel) -> list[Mesh]:
-    """Rows of the model itself, not of its components, that are sums of voltages, or follow from one."""
+    """Rows of the model itself, not of its components, that are sums of voltages or pressures, or follow from
+    one."""
     rows = own_laws(flat)
     # Reading units takes longer than anything else here: a model of components alone needs none.
-    currents = [k for k, v in enumerate(flat.unknowns) if rows and is_of(v.unit, CURRENT)]
+    currents = [
+        (domain, k)
+        for domain, (_, unit) in UNITS.items()
+        for k, v in enumerate(flat.unknowns)
+        if rows and is_of(v.unit, unit)
+    ]
     if not currents:
         return []
     slopes = slopes_near_start(flat)
-    found = [_mesh(flat, slopes, row, k) for row in rows for k in currents]
+    found = [_mesh(flat, slopes, row, domain, k) for row in rows for domain, k in currents]
     return [mesh for mesh in found if mesh is not None]
 
 
-def _mesh(flat: FlatModel, slopes: np.ndarray, row: int, current: int) -> Mesh | None:
+def _mesh(flat: FlatModel, slopes: np.ndarray, row: int, domain: Domain, current: int) -> Mesh | None:
     """The row as a mesh of the current; None where it is none, or where no voltage tells which way the
     current flows."""
     at = next((k for k in (flat.n + current, current) if slopes[row, k]), None)
     if at is None:
         return None
     sign = float(np.sign(slopes[row, at]))
-    drop = f"({VOLTAGE})/({CURRENT})" if at == current else f"({VOLTAGE}).s/({CURRENT})"
+    voltage, unit = UNITS[domain]
+    drop = f"({voltage})/({unit})" if at == current else f"({voltage}).s/({unit})"
     if slope_has_unit(flat, row, at, drop):
-        return Mesh(row, current, sign)
+        return Mesh(domain, row, current, sign)
     others = np.delete(slopes[row], at)
-    rates, source = others[flat.n - (at < flat.n) :], _source(flat, row)
+    rates, source = others[flat.n - (at < flat.n) :], _source(flat, row, voltage)
     # `C*der(v) = i - v/R` and `i = i1 + v/R` are sums of currents.
-    if source is None or np.any(rates) or _holds_current(flat, row, current):
+    if source is None or np.any(rates) or _holds_current(flat, row, current, unit):
         return None
     slope = ca.jacobian(flat.residual[row], source[1])
     moving = ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
     if ca.depends_on(slope, moving):
         return None
     value = float(ca.Function("slope", [flat.theta], [slope])(flat.theta_values))
-    return Mesh(row, current, sign, source) if np.sign(value) == -sign else None
+    return Mesh(domain, row, current, sign, source) if np.sign(value) == -sign else None
 
 
-def _holds_current(flat: FlatModel, row: int, current: int) -> bool:
-    """Whether a current other than the unknown `current` stands in the row."""
+def _holds_current(flat: FlatModel, row: int, current: int, unit: str) -> bool:
+    """Whether a variable of that unit other than the unknown `current` stands in the row."""
     known = [(v.unit, flat.xi[k]) for k, v in enumerate(flat.unknowns) if k != current]
     known += [(v.unit, flat.u[k]) for k, v in enumerate(flat.inputs)]
-    found = [x for unit, x in known if is_of(unit, CURRENT)]
+    found = [x for other, x in known if is_of(other, unit)]
     return bool(found) and bool(ca.depends_on(flat.residual[row], ca.vertcat(*found)))
 
 
-def _source(flat: FlatModel, row: int) -> tuple[str, ca.SX] | None:
-    """The only voltage in the row that is an input, or else the only one that is an unknown."""
+def _source(flat: FlatModel, row: int, unit: str) -> tuple[str, ca.SX] | None:
+    """The only variable of that unit in the row that is an input, or else the only one that is an unknown."""
     for variables, symbols in ((flat.inputs, flat.u), (flat.unknowns, flat.xi)):
         found = [
             (variable.name, symbols[k])
             for k, variable in enumerate(variables)
-            if is_of(variable.unit, VOLTAGE) and ca.depends_on(flat.residual[row], symbols[k])
+            if is_of(variable.unit, unit) and ca.depends_on(flat.residual[row], symbols[k])
         ]
         if found:
             return found[0] if len(found) == 1 else None

@@ -48,6 +48,10 @@ _OF_SPEED: dict[Domain, tuple[str, str]] = {
     "translational": ("ForceOfSpeed", "v"),
     "rotational": ("TorqueOfSpeed", "w"),
 }
+_IN_SERIES: dict[Domain, tuple[str, str]] = {  # the class, and the flow along the path that it is given
+    "electrical": ("Voltage", "i"),
+    "hydraulic": ("PressureDrop", "q"),
+}
 _TOTAL = "total"  # the variable of a term that stands in the equation
 _SECTIONS = ("equation", "algorithm", "then", "else", "loop")
 _BLOCKS = ("if", "for", "when", "while")
@@ -108,7 +112,8 @@ def opened_mesh(source: bytes, flat: FlatModel, mesh: Mesh, taken: Iterable[str]
     current = flat.unknowns[mesh.variable].name
     name = free_name(f"{_plain(current)}_term", taken)
     about = f"In series in {flat.equations[mesh.row].text}"
-    term = _Term(name, f"Voltage {name}(i = {current})", about)
+    kind, flow = _IN_SERIES[mesh.domain]
+    term = _Term(name, f"{kind} {name}({flow} = {current})", about)
     if mesh.source is None:
         return _with_terms(source, flat, ((mesh.row, mesh.sign),), term), name
     voltage, _ = mesh.source

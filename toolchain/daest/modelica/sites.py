@@ -63,7 +63,7 @@ def sites(flat: Model) -> tuple[Site, ...]:
         *_equations(flat),
         *_exchanges(flat),
         *_forces(flat),
-        *(Site(one.name(flat), "mesh", "electrical", aliases=one.aliases(flat)) for one in meshes(flat)),
+        *(Site(one.name(flat), "mesh", one.domain, aliases=one.aliases(flat)) for one in meshes(flat)),
         *(Site(one.name(flat), "terminal", "electrical") for one in terminals(flat)),
         *signals,
         *(Site(name, "parameter", "signal") for name in _used_parameters(flat)),
