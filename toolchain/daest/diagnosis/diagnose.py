@@ -79,6 +79,7 @@ from daest.diagnosis.rivals import (
     no_richer_ones,
     nominal_simulation,
     not_begun_by,
+    other_forms,
     reduced_laws,
     richer_laws,
     rounded,
@@ -1317,6 +1318,10 @@ def _proofs(
             doubted = [best] if _leaves_something(best) else []
             doubted += no_richer_ones(best, proofs)
             proofs = _with_better_kinks(proofs, stages.proved(rounded(null, doubted), ())[0])
+            best = best_start(ranked(proofs))
+        if best is not None and _leaves_something(best):
+            again = stages.proved(other_forms(null, best), ())[0]
+            proofs = _with_second_tries(proofs, again)
             best = best_start(ranked(proofs))
         if best is not None and best.verdict != "rejected":
             again = stages.proved(reduced_laws(null, best, found), ())[0]

@@ -296,6 +296,23 @@ def rounded(null: Null, proofs: Sequence[Proof]) -> tuple[Prepared, ...]:
     return tuple(found)
 
 
+def other_forms(null: Null, best: Proof) -> tuple[Prepared, ...]:
+    """The law of `best` in its other forms, between which no number leads: a damper that stands behind a play
+    or bridges it, friction that is larger in one direction or in the other. A small effect hardly tells them
+    apart, so that the screen may have taken the wrong one."""
+    candidate, found = best.candidate, []
+    sizes = tuple(best.fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
+    for p in candidate.effect.parameters:
+        is_choice = p.role == "shape" and not p.estimate and not p.scale_of and not p.periods_over
+        for value in p.grid if is_choice else ():
+            if value != candidate.shape.get(p.name, p.start):
+                other = replace(candidate, shape={**candidate.shape, p.name: value})
+                flat = with_equations(best.flat, "a refit").with_theta({f"{candidate.name}.{p.name}": value})
+                trial = Trial(other, sizes, _at_other_places(other, best))
+                found.append(Prepared(trial, flat, (*null.estimated, *candidate.estimated)))
+    return tuple(found)
+
+
 def richer_laws(
     null: Null, run: NullObserver, best: Proof, library: Sequence[Effect], tried: Sequence[Proof]
 ) -> tuple[Prepared, ...]:
