@@ -45,13 +45,13 @@ def test_compare_keeps_nothing_and_says_so(closed, daest):
 
 @pytest.mark.parametrize(
     ("command", "begins", "file"),
-    [("diagnose", "Supported.", "diagnosis.json"), ("improve", "Added CoulombFriction", "improve")],
+    [("diagnose", "Nothing missing.", "diagnosis.json"), ("improve", "Nothing added.", "improve")],
 )
 def test_search(closed, daest, command, begins, file):
     (closed / "daest.toml").unlink()
     (closed / "Cart.mo").write_text(CART)
-    write_recording(closed / "rub.csv", cart_recording(1000, 1, friction=0.5))
-    arguments = ("rub.csv", "--model", "Cart.mo", "--hold", "zoh", "--effect", "CoulombFriction")
+    write_recording(closed / "clean.csv", cart_recording(420, 2))
+    arguments = ("clean.csv", "--model", "Cart.mo", "--hold", "zoh", "--effect", "CoulombFriction")
     code, out, err = daest(command, *arguments, "--at", "cart.flange_a", "--jobs", "1")
     assert code == 2 and out.startswith(begins)
     assert_told(err, file)
