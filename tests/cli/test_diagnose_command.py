@@ -122,8 +122,8 @@ def test_fit_of_other_data_is_contradicted(cart, daest):
 
 @pytest.mark.slow
 def test_interrupted_run_goes_on(cart, daest, monkeypatch):
-    write_recording(cart / "rub.csv", recording(1000, 1, friction=FRICTION))
-    arguments = ("rub.csv", *COULOMB, "--effect", "StribeckFriction", "--jobs", "1")
+    write_recording(cart / "rub.csv", recording(600, 1, friction=FRICTION, cubic=40.0))
+    arguments = ("rub.csv", *COULOMB, "--effect", "HardeningSpring", "--jobs", "1")
     proof_of, calls = engine.proof_of, []
 
     def interrupted(*given, **named):
