@@ -266,6 +266,7 @@ def test_nonlinear_replay_is_the_filter_of_the_recording(nonlinear, tmp_path, ki
     wanted = FilterOptions(initial=initial, hold=hold, longest=0.025)
     known = run_filter(flat, experiment, kind, wanted)
     model = estimator_model(flat, 0.1, kind, hold, initial=initial, longest=0.025)
+    assert model.form.word == f"An {'extended' if kind == 'ekf' else 'unscented'} Kalman filter"
     found = replayed(built(model, tmp_path / "c", *STRICT, *SANITIZED), experiment)
     for name in TOLD[flat.name]:
         i = known.names.index(name)
