@@ -138,9 +138,9 @@ def test_the_page_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     shutil.copy(ROOT / "examples" / "servo" / "Servo.mo", tmp_path)
     with (ROOT / "examples" / "servo" / "servo.csv").open() as file:
-        (tmp_path / "servo.csv").write_text("".join(next(file) for _ in range(1201)))
+        (tmp_path / "servo.csv").write_text("".join(next(file) for _ in range(601)))
     page = (ROOT / "docs" / "how-to" / "python.md").read_text(encoding="utf-8")
     scope = {}
     for block in fenced(page, "python"):
         exec(compile(block, "python.md", "exec"), scope)
-    assert len(scope["speed"]) == 1200 and "Parameters" in capsys.readouterr().out
+    assert len(scope["speed"]) == 600 and "Parameters" in capsys.readouterr().out

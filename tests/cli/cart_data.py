@@ -1,6 +1,7 @@
 """A mass on a spring and damper, driven by a force, and recordings of it made by a plain integration with
 small steps. The machine has dry friction and a spring that hardens, which the model does not know."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -51,11 +52,14 @@ def recording(
     force = steps if force is None else force
     step, s, v = PERIOD / SUBSTEPS, 0.0, 0.0
     position = np.zeros(n_samples)
-    for k in range(n_samples - 1):
+    d, c = TRUE["d"], TRUE["c"]
+    # Numbers of Python: those of numpy take many times as long here.
+    for k, push in enumerate(force[:-1].tolist()):
         for _ in range(SUBSTEPS):
-            load = TRUE["d"] * v + TRUE["c"] * s + cubic * s**3
-            load += friction * (1.0 + bumps * np.sin(WAVES * s)) * np.tanh(v / SLIDING)
-            v += step * (force[k] - load) / mass
+            load = d * v + c * s + cubic * s**3
+            if friction:
+                load += friction * (1.0 + bumps * math.sin(WAVES * s)) * math.tanh(v / SLIDING)
+            v += step * (push - load) / mass
             s += step * v
         position[k + 1] = s
     return np.column_stack([time, force, position + NOISE * rng.standard_normal(n_samples)])

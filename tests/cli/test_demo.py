@@ -27,6 +27,13 @@ def test_run(tmp_path, monkeypatch, daest):
         assert abs(found["value"] - truth[name]) < 4 * found["std_error"]
     assert min(document["compare"]["models"][0]["fit_percent"].values()) > 98
     assert (tmp_path / "servo" / "results" / "fit.json").is_file()
+    assert (tmp_path / "servo" / "results" / "comparison.json").is_file()
+
+
+@pytest.mark.slow
+def test_report_of_a_demo(tmp_path, monkeypatch, daest):
+    monkeypatch.chdir(tmp_path)
+    assert daest("demo", "servo")[0] == 0
     monkeypatch.chdir(tmp_path / "servo")
     code, out, _ = daest("report", "--format", "json")
     assert code == 0 and "daest diagnose" in out and "daest compare" not in out

@@ -27,7 +27,7 @@ def cart(tmp_path, monkeypatch):
     """A folder with Cart.mo and rub.csv, where the cart rubs."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "Cart.mo").write_text(CART)
-    write_recording(tmp_path / "rub.csv", recording(1000, 1, friction=FRICTION))
+    write_recording(tmp_path / "rub.csv", recording(600, 1, friction=FRICTION))
     return tmp_path
 
 
@@ -89,7 +89,7 @@ def test_hidden_friction_is_found_and_written(cart, daest):
 
 
 def test_nothing_missing(cart, daest):
-    write_recording(cart / "clean.csv", recording(1000, 2))
+    write_recording(cart / "clean.csv", recording(420, 2))
     found, _ = diagnosis(daest, "clean.csv", *COULOMB, "--effect", "HardeningSpring")
     assert found["verdict"] == "nothing missing" and found["candidates"] == []
     assert "It would have shown" in found["message"]
@@ -122,7 +122,8 @@ def test_fit_of_other_data_is_contradicted(cart, daest):
 
 @pytest.mark.slow
 def test_interrupted_run_goes_on(cart, daest, monkeypatch):
-    arguments = ("rub.csv", *COULOMB, "--effect", "StribeckFriction", "--jobs", "1")
+    write_recording(cart / "rub.csv", recording(600, 1, friction=FRICTION, cubic=40.0))
+    arguments = ("rub.csv", *COULOMB, "--effect", "HardeningSpring", "--jobs", "1")
     proof_of, calls = engine.proof_of, []
 
     def interrupted(*given, **named):
@@ -160,7 +161,7 @@ def test_the_null_and_the_screen_are_kept_too(cart, daest, monkeypatch, tmp_path
     fit_null, screen, calls = engine.fit_null, engine.screen, []
     monkeypatch.setattr(engine, "fit_null", lambda *given: calls.append("null") or fit_null(*given))
     monkeypatch.setattr(engine, "screen", lambda *given: calls.append("screen") or screen(*given))
-    arguments = ("rub.csv", *COULOMB, "--jobs", "1")
+    arguments = ("rub.csv", *COULOMB, "--at", "cart.flange_a", "--jobs", "1")
     first, _ = diagnosis(daest, *arguments)
     assert calls == ["null", "screen"]
     shutil.rmtree(cart / "results")
@@ -201,6 +202,7 @@ def test_kept_refits_belong_to_their_data_and_damage_is_mended(cart, daest):
     assert "refitting with" in err
 
 
+@pytest.mark.slow  # the name that is free: tests/effects/test_extend.py
 def test_component_of_the_same_name(cart, daest):
     text = CART.replace("Fixed wall", "Fixed coulombFriction").replace(
         "wall.flange", "coulombFriction.flange"
@@ -214,7 +216,7 @@ def test_component_of_the_same_name(cart, daest):
 
 
 @pytest.mark.slow
-def test_model_that_cannot_be_written_says_why(cart, daest):
+def test_law_at_an_input_that_an_equation_uses_is_written(cart, daest):
     text = CART.replace("connect(F, motor.f);", "motor.f = F;")
     (cart / "Cart.mo").write_text(text)
     table = recording(1000, 5)
@@ -229,7 +231,10 @@ def test_model_that_cannot_be_written_says_why(cart, daest):
         4.0, rel=0.05
     )
     assert best["parameters"]["width"]["unit"] == found["screen"]["best"][0]["unit"] == "N"
-    assert best["model"] is None and "used in an equation" in best["model_reason"]
+    assert "deadZone.u = F;" in best["model"]
+    (cart / "New.mo").write_text(best["model"])
+    written = {p.name: p.value for p in compile_model(cart / "New.mo").parameters}
+    assert written["deadZone.width"] == pytest.approx(best["parameters"]["width"]["value"], rel=1e-7)
 
 
 def test_fmu_is_diagnosed_without_text(cart, daest):

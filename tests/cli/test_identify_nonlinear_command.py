@@ -48,7 +48,7 @@ def pendulum(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("likelihood", ["observer", "ekf"])
+@pytest.mark.parametrize("likelihood", [pytest.param("observer", marks=pytest.mark.slow), "ekf"])
 def test_parameters_and_noise_of_a_driven_pendulum(pendulum, monkeypatch, capsys, likelihood):
     monkeypatch.chdir(pendulum)
     arguments = ["identify", "run.csv", "--model", "Pendulum.mo", "--split", "0.6", "--hold", "zoh"]

@@ -14,7 +14,7 @@ COMMANDS = {
 
 # One function saves all figures: every command in one format and one command in every format show it.
 DRAWN = [
-    pytest.param(command, suffix, marks=() if "png" in suffix or command == "linearize" else pytest.mark.slow)
+    pytest.param(command, suffix, marks=() if "png" in suffix or command == "simulate" else pytest.mark.slow)
     for command in COMMANDS
     for suffix in ("png", "svg", "pdf")
 ]

@@ -65,6 +65,13 @@ def told(project, results):
     return project
 
 
+def keep_only(folder: Path, *names: str) -> None:
+    """Of the results, those that the test is about: a plot of any other takes its time."""
+    for file in (folder / "results").iterdir():
+        if file.is_file() and file.name.partition(".")[0] not in names:
+            file.unlink()
+
+
 @pytest.fixture(scope="module")
 def page(results):
     """The page on what the quick commands leave."""
@@ -92,6 +99,7 @@ def is_missing(tree, part: str) -> bool:
 
 
 def test_summary_says_what_is_missing(told, daest):
+    keep_only(told, "fit", "filter", "estimates")
     code, out, _ = daest("report")
     assert code == 0 and "report.html" in out and "not in it: What is missing: the diagnosis" in out
     assert "daest diagnose makes it" in out and "daest identify makes it" not in out
@@ -133,6 +141,7 @@ def test_results_are_shown_with_their_numbers(page, results):
 
 
 def test_several_models_are_numbered_and_their_tests_side_by_side(told, daest):
+    keep_only(told, "fit")
     name = "Lag_with_a_name_that_is_much_longer_than_a_telephone_is_wide"
     (told / "Long.mo").write_text(LAG.replace("model Lag", f"model {name}").replace("end Lag", f"end {name}"))
     code, _, err = daest("compare", "Lag.mo", "Long.mo")
@@ -199,6 +208,7 @@ def test_texts_of_the_user_are_harmless(folder, daest):
 
 
 def test_texts_inside_results_are_harmless(told, daest):
+    keep_only(told, "fit")
     path = told / "results" / "fit.json"
     document = json.loads(path.read_text())
     document["message"] = EVIL
@@ -226,6 +236,7 @@ def test_series_that_are_gone_are_named(told, daest):
 
 
 def test_a_file_that_changed_since_is_told(told, daest):
+    keep_only(told, "fit")
     write_csv(told / "run1.csv", *recording(400, 7))
     (told / "run2.csv").unlink()
     assert daest("report")[0] == 0
@@ -234,6 +245,7 @@ def test_a_file_that_changed_since_is_told(told, daest):
 
 
 def test_a_model_that_cannot_be_read_leaves_the_rest(told, daest):
+    keep_only(told, "fit")
     (told / "Lag.mo").write_text("model Lag\n")
     assert daest("report")[0] == 0
     tree = parsed(told / "report.html")
@@ -307,7 +319,8 @@ def test_diagnosis_and_ledger(told, daest):
 
 def test_a_designed_experiment(told, daest):
     """Its input as a plot, what it promises beside what there is, and the safe range."""
-    limits = ("--limit", "u=-1.5,1.5", "--limit", "y=-4,4", "--length", "10", "--seconds", "1")
+    keep_only(told, "fit")
+    limits = ("--limit", "u=-1.5,1.5", "--limit", "y=-4,4", "--length", "10", "--seconds", "0.5")
     assert daest("design", *limits, "-o", "input.csv")[0] == 0
     assert daest("report")[0] == 0
     tree = parsed(told / "report.html")
@@ -325,6 +338,7 @@ def test_a_designed_experiment(told, daest):
 
 
 def test_the_last_round_of_an_improvement_is_a_diagnosis(told, daest):
+    keep_only(told)
     results = told / "results"
     (results / "improve").mkdir()
     final = {

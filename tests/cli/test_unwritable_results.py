@@ -44,14 +44,17 @@ def test_compare_keeps_nothing_and_says_so(closed, daest):
 
 
 @pytest.mark.parametrize(
-    ("command", "begins", "file"),
-    [("diagnose", "Supported.", "diagnosis.json"), ("improve", "Added CoulombFriction", "improve")],
+    ("command", "friction", "begins", "file"),
+    [
+        ("diagnose", 0.0, "Nothing missing.", "diagnosis.json"),
+        ("improve", 0.5, "Added CoulombFriction", "improve"),
+    ],
 )
-def test_search(closed, daest, command, begins, file):
+def test_search(closed, daest, command, friction, begins, file):
     (closed / "daest.toml").unlink()
     (closed / "Cart.mo").write_text(CART)
-    write_recording(closed / "rub.csv", cart_recording(1000, 1, friction=0.5))
-    arguments = ("rub.csv", "--model", "Cart.mo", "--hold", "zoh", "--effect", "CoulombFriction")
+    write_recording(closed / "run.csv", cart_recording(600, 1, friction))
+    arguments = ("run.csv", "--model", "Cart.mo", "--hold", "zoh", "--effect", "CoulombFriction")
     code, out, err = daest(command, *arguments, "--at", "cart.flange_a", "--jobs", "1")
     assert code == 2 and out.startswith(begins)
     assert_told(err, file)

@@ -62,7 +62,8 @@ def diagnosed(model, estimation, validation, **options):
 
 
 def test_nothing_is_missing(model):
-    found = diagnosed(model, [recording("a", 1)], [recording("b", 2)])
+    laws = ("CoulombFriction", "QuadraticDrag", "ConstantLoad")
+    found = diagnosed(model, [recording("a", 1)], [recording("b", 2)], effects=laws)
     assert found["verdict"] == "nothing missing"
     assert "black box" in found["message"]
     assert found["screen"]["p_value"] > 0.01

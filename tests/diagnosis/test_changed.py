@@ -45,6 +45,6 @@ def test_an_alarm_without_an_effect_cannot_be_told():
 
 @pytest.mark.parametrize(("load", "is_slow"), [((0.0, 1.0), False), ((0.15, 1.0), True)])
 def test_how_slow_loads_are(load, is_slow):
-    record, _ = rotor_record(600, seed=4, load=load)
+    record, _ = rotor_record(400, seed=4, load=load)
     limit = slowest_load(without_noises(model()), load_sites(model()), [record], "zoh")
     assert limit == pytest.approx((50.0 if is_slow else 5.0) * record.period)

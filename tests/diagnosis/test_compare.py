@@ -172,7 +172,7 @@ def hardening(tmp_path, cubic):
 def test_nonlinear_models_are_predicted_tested_and_ranked(tmp_path):
     """A cubic spring: its own model is not falsified, a linear one is; BIC and the error fall."""
     true, linear = hardening(tmp_path, 8.0), hardening(tmp_path, 0.0)
-    run = record(true, 1000, 5)
+    run = record(true, 600, 5)
     trials = compare_models(
         [Candidate("linear", linear, 3, "zoh"), Candidate("cubic", true, 4, "zoh")], [run]
     ).models

@@ -102,7 +102,7 @@ def test_drag_is_named_or_in_the_set():
 
 def test_dead_zone_of_the_drive_is_found_at_the_input():
     dead = lambda u: np.sign(u) * max(abs(u) - 0.2, 0.0)  # noqa: E731
-    found = diagnosed(rotor_record(1200, seed=7, drive=dead)[0])
+    found = diagnosed(rotor_record(1200, seed=7, drive=dead)[0], "DeadZone", "CoulombFriction")
     assert accepted(found) == {"DeadZone"}
     assert found.proofs[0].candidate.site.name == "u"
 

@@ -68,7 +68,7 @@ def pushed(null, run, torque):
 def relative_errors(flat):
     """Of the response to a small torque, against the difference of two runs: by the error dynamics along the
     recording, and by those of the average slopes."""
-    null, run = null_of(flat, rotor_record(600, seed=5, coulomb=lambda phi: 0.15)[0])
+    null, run = null_of(flat, rotor_record(400, seed=5, coulomb=lambda phi: 0.15)[0])
     torque = PUSH * np.sin(1.3 * null.experiments[0].time)
     (up, entry), (down, _) = pushed(null, run, torque), pushed(null, run, -torque)
     g = torque[:, None] * entry

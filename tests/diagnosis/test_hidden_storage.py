@@ -94,7 +94,7 @@ def test_wall_behind_a_room(tmp_path) -> None:
     shaken = np.array([2e-3, 0.0])
     names = (("heater",), ("room",))
     record = recorded(A, B, np.array([1.0, 0.0]), 0.0, 280.0, [0.0, 1500.0], 120.0, 20, 0.03, shaken, names)
-    diagnosis = found(tmp_path, ROOM, record, ("ExtraHeatCapacity", "Radiation", "Conduction"))
+    diagnosis = found(tmp_path, ROOM, record, ("ExtraHeatCapacity", "Conduction"))
     assert diagnosis.verdict == "supported", diagnosis.message
     best = diagnosis.proofs[0]
     assert best.candidate.effect.name == "ExtraHeatCapacity"

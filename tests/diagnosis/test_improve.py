@@ -204,7 +204,10 @@ def test_round_that_the_time_cuts_short_adds_what_leads_all_others(rounds, verdi
     assert added == (["CoulombFriction"] if verdict == "supported" else [])
 
 
-@pytest.mark.parametrize(("refused", "gains"), [((), True), (("QuadraticDrag",), True), ((), False)])
+@pytest.mark.parametrize(
+    ("refused", "gains"),
+    [((), True), pytest.param(("QuadraticDrag",), True, marks=pytest.mark.slow), ((), False)],
+)
 def test_pair_is_added_where_each_is_accepted_beside_the_other(rounds, monkeypatch, refused, gains):
     proofs = {name: proof_of(name) for name in ("CoulombFriction", "QuadraticDrag")}
     entries = tuple(SimpleNamespace(candidate=p.candidate, sizes=(0.1,)) for p in proofs.values())

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis.diagnose import diagnose
@@ -48,6 +49,7 @@ def test_level_is_a_place_for_flows_and_a_position_is_none() -> None:
     assert not [site for site in sites(compile_text(LAG, Path("Slide.mo"))) if site.kind == "equation"]
 
 
+@pytest.mark.slow
 def test_hole_of_a_tank_is_named_with_its_height() -> None:
     """Torricelli's law where the model has an outflow in proportion to the level; simulated by LSODA."""
     rng, area, k, h_0 = np.random.default_rng(5), 0.0125, 6e-5, 0.02

@@ -129,9 +129,15 @@ def test_hold_of_recordings_that_were_made_coarser():
     assert (other.recorded_hold, other.hold, other.experiments) == ("foh", "foh", (straight,))
 
 
-def test_other_hold_is_taken_once_the_effect_shows_it():
+@cache
+def rubbing_by_steps():
+    """A recording of dry friction under a torque that is held, and the stand with the wrong hold."""
     record, _ = rotor_record(1000, seed=5, coulomb=lambda phi: 0.15)
-    stand = begin(model(), [record], (), DiagnoseOptions(hold="foh", jobs=1))
+    return record, begin(model(), [record], (), DiagnoseOptions(hold="foh", jobs=1))
+
+
+def test_other_hold_is_taken_once_the_effect_shows_it():
+    _, stand = rubbing_by_steps()
     wrong = replace(stand, null=replace(stand.null, other_hold="zoh"))
     found = examine(wrong, some_effects("CoulombFriction"), DiagnoseOptions(jobs=1))
     assert found.proofs[0].verdict == "supported"
@@ -139,10 +145,10 @@ def test_other_hold_is_taken_once_the_effect_shows_it():
     assert better_hold(stand, found.proofs) is None, "a hold that the user gave stays"
 
 
+@pytest.mark.slow  # the hold that the effect shows: the test above
 def test_other_hold_is_seen_in_the_first_refits():
-    record, _ = rotor_record(1000, seed=5, coulomb=lambda phi: 0.15)
+    record, stand = rubbing_by_steps()
     result = diagnose(model(), some_effects("CoulombFriction"), [record], (), DiagnoseOptions(jobs=1))
-    stand = begin(model(), [record], (), DiagnoseOptions(hold="foh", jobs=1))
     seen = []
 
     def watched(proofs):

@@ -40,7 +40,7 @@ def test_errors_that_last_count_as_few_samples():
     assert speaks_for(white, 1) and speaks_for(slow, 1)
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.95])
+@pytest.mark.parametrize("memory", [pytest.param(0.0, marks=pytest.mark.slow), 0.95])
 def test_a_law_that_does_nothing_is_seldom_better_in_use(memory):
     found = [in_use(simulated(1.0, 10 * i, memory), simulated(1.0, 10 * i + 5, memory)) for i in range(60)]
     certainties = np.array([one.certainty for one in found])

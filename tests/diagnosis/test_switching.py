@@ -87,7 +87,7 @@ def test_models_are_compared_through_their_events(drive):
     """By the simulation without process noise, by the extended filter with it."""
     right, wrong = (Candidate(name, with_values(drive, {"d": d}), 0, "zoh") for name, d in
                     (("right", 0.01), ("wrong", 0.04)))  # fmt: skip
-    found = compare_models([right, wrong], [recording(drive, 9)])
+    found = compare_models([right, wrong], [recording(drive, 9, 200)])
     assert [one.verdict for one in found.models] == ["not falsified", "falsified"]
     assert found.models[0].simulation.rms["w"] == pytest.approx(0.05, rel=0.15)
     assert found.models[0].bic < found.models[1].bic

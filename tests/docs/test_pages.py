@@ -132,7 +132,7 @@ def repository(tmp_path, monkeypatch) -> Path:
     text, n = re.subn(r"(?<=\[parameters\]\n).*?(?=\n\[)", values, file.read_text("utf-8"), flags=re.DOTALL)
     assert n == 1
     file.write_text(text, encoding="utf-8")
-    shortened(tmp_path / "servo" / "servo.csv", 4)
+    shortened(tmp_path / "servo" / "servo.csv", 8)
     monkeypatch.chdir(tmp_path / "servo")
     return tmp_path / "servo"
 

@@ -1,5 +1,6 @@
 """Effects in series in the meshes of bare equations, against the motion by scipy."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -48,8 +49,9 @@ def rate(has_coil, drop=0.0):
     return of
 
 
+@cache
 def turning(has_coil, drop=0.0):
-    return solve_ivp(rate(has_coil, drop), (0.0, 0.3), [0.0, 0.0], method="Radau", rtol=1e-9, atol=1e-12).y[
+    return solve_ivp(rate(has_coil, drop), (0.0, 0.3), [0.0, 0.0], method="LSODA", rtol=1e-9, atol=1e-12).y[
         0, -1
     ]
 

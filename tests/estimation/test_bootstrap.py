@@ -121,12 +121,12 @@ def test_refits_that_fail_are_counted_and_too_many_are_an_error(monkeypatch):
         return identify(*given)
 
     monkeypatch.setattr(engine, "identify", sometimes)
-    found = with_bootstrap(fit, lag(), [record], options(), 18).bootstrap
-    assert found.n_failed == 6 and len(found.estimates) == 12
+    found = with_bootstrap(fit, lag(), [record], options(), 9).bootstrap
+    assert found.n_failed == 3 and len(found.estimates) == 6
     monkeypatch.setattr(engine, "FIT", replace(engine.FIT, least_refitted=0.9))
     with pytest.raises(EstimationError) as caught:
-        with_bootstrap(fit, lag(), [record], options(), 18)
-    assert caught.value.code == "bootstrap-failed" and "6 of 18" in caught.value.what
+        with_bootstrap(fit, lag(), [record], options(), 9)
+    assert caught.value.code == "bootstrap-failed" and "3 of 9" in caught.value.what
 
 
 @pytest.fixture
@@ -144,8 +144,8 @@ def test_bootstrap_and_starts_in_processes_are_the_same_to_the_last_bit(no_waiti
     one, other = (identify(lag(), [record], given) for given in (alone, beside))
     assert one.theta == other.theta and one.start_log_likelihoods == other.start_log_likelihoods
     assert len(one.start_log_likelihoods) >= 4
-    one = with_bootstrap(one, lag(), [record], alone, 12).bootstrap
-    other = with_bootstrap(other, lag(), [record], beside, 12).bootstrap
+    one = with_bootstrap(one, lag(), [record], alone, 6).bootstrap
+    other = with_bootstrap(other, lag(), [record], beside, 6).bootstrap
     assert np.array_equal(one.estimates, other.estimates)
 
 

@@ -93,7 +93,7 @@ def test_initial_point_is_on_the_constraints():
 @pytest.mark.parametrize("compiled", [True, False])
 def test_gradient_of_the_likelihood_is_that_of_finite_differences(compiled):
     time, u, found, _ = turned(150)
-    rows = slice(0, 30 if compiled else 6)
+    rows = slice(0, 30 if compiled else 3)
     model = local_model(pendulum(), ("m", "L", "d"), tangents=True, compiled=compiled)
     assert (model.library is not None) == compiled
     data = record(model, time[rows], u[rows], found.outputs[rows], "zoh")

@@ -89,7 +89,7 @@ def test_filter_of_a_linear_model_predicts_as_the_fit(given):
 def test_filter_of_a_smooth_nonlinear_model_predicts_nearly_as_the_fit():
     """The gain of the filter follows the motion, that of the fit is constant."""
     explicit = oscillator()
-    experiment = recorded(explicit, {"w": 0.3}, [0.02], 0.05, 3, n=750)
+    experiment = recorded(explicit, {"w": 0.3}, [0.02], 0.05, 3, n=500)
     fit = fitted(explicit, experiment, ("k", "d", "k3"))
     assert_same_predictions(explicit, experiment, fit, 0.005, 5.0)
     intensity, std = levels_of(fit)

@@ -231,7 +231,7 @@ def duffing(function, method, intensity, seed=5):
     ("function", "method", "intensity"),
     [
         pytest.param(identify_nonlinear, "oe", 0.0, id="simulation"),
-        pytest.param(identify_by_ekf, "pem", 0.3, id="ekf"),
+        pytest.param(identify_by_ekf, "pem", 0.3, id="ekf", marks=pytest.mark.slow),
         pytest.param(identify_nonlinear, "pem", 0.3, id="observer", marks=pytest.mark.slow),
     ],
 )

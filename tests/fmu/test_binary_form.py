@@ -109,7 +109,7 @@ def test_prediction_error_with_noise_on_a_state_derivative(foreign):
     assert abs(d.value - 0.25) < 5 * d.std_error + 0.05
 
 
-@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+@pytest.mark.parametrize("kind", [pytest.param("ekf", marks=pytest.mark.slow), "ukf"])
 def test_filter_of_a_nonlinear_fmu(foreign, kind):
     model = declare(foreign, noises={"der(v)": 1e-4})
     data = recording(0.01, d=0.1)

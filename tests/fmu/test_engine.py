@@ -38,7 +38,7 @@ def ball_with_slopes(force, d=0.1, g=9.81):
 
     x = [np.array([1.0, 0.0, 0.0, 0.0])]
     for start, end, u in zip(TIME[:-1], TIME[1:], force[:-1], strict=True):
-        x.append(solve_ivp(rate, (start, end), x[-1], "Radau", args=(u,), rtol=1e-10, atol=1e-12).y[:, -1])
+        x.append(solve_ivp(rate, (start, end), x[-1], "LSODA", args=(u,), rtol=1e-10, atol=1e-12).y[:, -1])
     return np.array(x)
 
 

@@ -266,6 +266,7 @@ def test_nonlinear_replay_is_the_filter_of_the_recording(nonlinear, tmp_path, ki
     wanted = FilterOptions(initial=initial, hold=hold, longest=0.025)
     known = run_filter(flat, experiment, kind, wanted)
     model = estimator_model(flat, 0.1, kind, hold, initial=initial, longest=0.025)
+    assert model.form.word == f"An {'extended' if kind == 'ekf' else 'unscented'} Kalman filter"
     found = replayed(built(model, tmp_path / "c", *STRICT, *SANITIZED), experiment)
     for name in TOLD[flat.name]:
         i = known.names.index(name)
@@ -277,9 +278,8 @@ def test_nonlinear_replay_is_the_filter_of_the_recording(nonlinear, tmp_path, ki
     assert np.nansum(found["nis"]) / known.nis.n_innovations == pytest.approx(known.nis.mean, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    "nonlinear", ["Diode", pytest.param("Pendulum", marks=pytest.mark.slow)], indirect=True
-)
+@pytest.mark.slow  # of a linear model: test_single_precision
+@pytest.mark.parametrize("nonlinear", ["Diode", "Pendulum"], indirect=True)
 def test_nonlinear_single_precision(nonlinear, tmp_path):
     flat, experiment, initial = nonlinear
     model = estimator_model(flat, 0.1, initial=initial, longest=0.025)
@@ -331,14 +331,14 @@ def test_each_input_does_what_the_hold_says(tmp_path, law, kind):
     u = np.column_stack([rng.choice([0.0, 40.0], n), 10 + np.cumsum(rng.normal(size=n))])
     y = 15 + np.cumsum(rng.normal(size=(n, 1)), axis=0)
     experiment, start = Experiment("r", time, u, y, ("P", "To"), ("y",)), InitialState.known([15.0], 0.2)
-    values = []
-    for hold in ("zoh(P)", "foh"):
-        options = FilterOptions(hold=hold, initial=start, **({"longest": 0.125} if law else {}))
-        known = run_filter(flat, experiment, "ekf" if law else "time-varying", options)
-        longest = {"longest": 0.125} if law else {}
-        model = estimator_model(flat, 0.5, kind, hold, initial=start, **longest)
-        folder = tmp_path / hold.replace("(", "").replace(")", "")
-        found = replayed(built(model, folder, *STRICT, *SANITIZED), experiment)
-        np.testing.assert_allclose(found["T"], known.values[:, known.names.index("T")], rtol=1e-9)
-        values.append(found["T"])
-    assert np.max(np.abs(values[0] - values[1])) > 0.01
+    longest = {"longest": 0.125} if law else {}
+
+    def known(hold):
+        options = FilterOptions(hold=hold, initial=start, **longest)
+        run = run_filter(flat, experiment, "ekf" if law else "time-varying", options)
+        return run.values[:, run.names.index("T")]
+
+    model = estimator_model(flat, 0.5, kind, "zoh(P)", initial=start, **longest)
+    found = replayed(built(model, tmp_path / "c", *STRICT, *SANITIZED), experiment)["T"]
+    np.testing.assert_allclose(found, known("zoh(P)"), rtol=1e-9)
+    assert np.max(np.abs(found - known("foh"))) > 0.01

@@ -29,18 +29,24 @@ def simulated(path, limits=SHORT):
         return runner.simulate(drive, ((), np.zeros((1, 0))))
 
 
-@pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
-@pytest.mark.parametrize(
-    ("trap", "code", "says"),
-    [
-        ("CRASH", "fmu-crashed", "SIGSEGV"),
-        ("ABORT", "fmu-crashed", "SIGABRT"),
-        ("EXIT", "fmu-exited", "exit status 3"),
-        ("HANG", "fmu-hangs", "within 1 s"),
-        ("LOG", "fmu-writes-too-much", "4 MB"),
-        ("PRINT", "fmu-writes-too-much", "printed last: .*debug mode"),
-    ],
-)
+TRAPS = {
+    "CRASH": ("fmu-crashed", "SIGSEGV"),
+    "ABORT": ("fmu-crashed", "SIGABRT"),
+    "EXIT": ("fmu-exited", "exit status 3"),
+    "HANG": ("fmu-hangs", "within 1 s"),
+    "LOG": ("fmu-writes-too-much", "4 MB"),
+    "PRINT": ("fmu-writes-too-much", "printed last: .*debug mode"),
+}
+CASES = [  # what takes long is watched alike in both kinds
+    pytest.param(
+        trap, *told, kind, marks=pytest.mark.slow if trap in ("HANG", "LOG") and kind[0] == "C" else ()
+    )
+    for trap, told in TRAPS.items()
+    for kind in ("ModelExchange", "CoSimulation")
+]
+
+
+@pytest.mark.parametrize(("trap", "code", "says", "kind"), CASES)
 def test_what_an_fmu_does_ends_in_one_message(tmp_path, kind, trap, code, says):
     path = ball(tmp_path, kind, TRAP=trap)
     # On a busy machine 4 MB take longer than the second in which a hanging one is told.

@@ -89,7 +89,8 @@ def test_algorithm_sections_are_read_from_the_text():
     np.testing.assert_allclose(found["w"], slopes, rtol=1e-9)
 
 
-def test_a_switch_of_an_equation_that_chatters_is_named():
+def test_a_switch_of_an_equation_that_chatters_is_named(monkeypatch):
+    monkeypatch.setattr("daest.systems.hybrid.MOST_DENSE", 50)
     text = "model M Real x(start = 1, fixed = true); equation der(x) = if x < 0 then 1 else -1; end M;"
     with pytest.raises(NumericalError) as caught:
         run(text, np.linspace(0, 2, 11))

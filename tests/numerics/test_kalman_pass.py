@@ -78,8 +78,10 @@ def test_hessenberg_steps_are_those_of_any_matrix(n):
         assert np.max(np.abs(one - other)) <= 1e-11 * np.max(np.abs(other)), name
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-@pytest.mark.parametrize("slow", [0.9, 0.999])
+@pytest.mark.parametrize(
+    ("slow", "compiled"),
+    [(0.9, True), (0.9, False), (0.999, True), pytest.param(0.999, False, marks=pytest.mark.slow)],
+)
 def test_stop_is_as_close_to_the_limit_as_it_says(monkeypatch, compiled, slow):
     """A slow mode next to fast ones: small changes alone would end the transient too early."""
     if not compiled:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 from scipy.stats import kstest
 
@@ -51,7 +52,7 @@ def test_coloured_moment_is_the_quadratic_form_with_the_exact_covariance(rho):
     r = lfilter([1.0], [1.0, -rho], e)[1000:, None]
     time = np.arange(n_samples)
     slopes = np.stack([np.sin(0.01 * time), np.cos(0.3 * time), np.ones(n_samples)])[:, :, None]
-    covariance = rho ** np.abs(time[:, None] - time) / (1 - rho**2)
+    covariance = toeplitz(rho**time) / (1 - rho**2)
     expected = slopes[:, :, 0] @ covariance @ slopes[:, :, 0].T
     found = coloured_moment(slopes, r)
     size = np.sqrt(np.diagonal(expected))

@@ -65,7 +65,12 @@ def test_verdicts_poles_and_transfer_functions_of_arrays(name, n):
         assert function(s) == pytest.approx(complex((dae.C @ exact + dae.D)[0, 0]), rel=1e-5, abs=1e-12)
 
 
-@pytest.mark.parametrize(("name", "n"), [("Chain", 7), ("Rigid", 12), ("Grid", 3), ("Gears", 6)])
+FURTHER = (("Chain", 7), ("Rigid", 12), ("Gears", 6))
+
+
+@pytest.mark.parametrize(
+    ("name", "n"), [("Grid", 3), *(pytest.param(*case, marks=pytest.mark.slow) for case in FURTHER)]
+)
 def test_projection_norms_from_one_inverse(name, n, monkeypatch):
     monkeypatch.setattr("daest.systems.nilpotent.SELECTED", 1)
     dae = large(name, n)

@@ -375,7 +375,7 @@ def _place_for(flat: Model, group: Sequence[Effect], place: str) -> str:
 def _require_a_place(flat: Model, group: Sequence[Effect]) -> None:
     from daest.modelica.sites import fits, sites
 
-    if any(fits(effect, site) for effect in group for site in sites(flat)):
+    if any(fits(effect, site) for site in sites(flat) for effect in group):
         return
     domains = " or ".join(dict.fromkeys(effect.domain for effect in group))
     raise ModelError(

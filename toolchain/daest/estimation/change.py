@@ -9,6 +9,7 @@ found by simulation, for a mean number of samples between two false alarms (aver
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +27,13 @@ LEVELS = (5.0, 6.5, 8.0)
 BLOCK = 100  # samples whose increments are computed at once
 FEWEST_ALARMS = 30  # of a level that is believed
 MOST_LAGS = 12  # of the autoregression that whitens a reference
+
+# Coefficients of the log-likelihood ratios, which a stream asks for at every sample.
+_LEFT = 1.0 - CORRELATION**2
+_HALF = 0.5 * MEAN_SHIFT**2
+_SQUARE, _LOG = 0.5 * (1.0 - 1.0 / SPREAD_RATIO), 0.5 * math.log(SPREAD_RATIO)
+_CONSTANT_OF_PAIR, _SQUARE_OF_PAIR = -0.5 * math.log(_LEFT), 0.5 * (1.0 - 1.0 / _LEFT)
+_PRODUCT, _SQUARE_BEFORE = CORRELATION / _LEFT, 0.5 * CORRELATION**2 / _LEFT
 
 
 @dataclass(frozen=True)
@@ -109,14 +117,17 @@ def restarted(state: ChartState, time: float) -> ChartState:
 def increments(z: np.ndarray, before: np.ndarray) -> np.ndarray:
     """Log-likelihood ratios (..., 5) of the values z (...) after the values `before` (...); 0 where z is
     missing, and for a correlation where `before` is."""
-    z, before = np.clip(z, -CLIP, CLIP), np.clip(before, -CLIP, CLIP)
-    half = 0.5 * MEAN_SHIFT**2
-    spread = 0.5 * (z**2 * (1.0 - 1.0 / SPREAD_RATIO) - np.log(SPREAD_RATIO))
-    left = 1.0 - CORRELATION**2
-    constant = -0.5 * np.log(left) + 0.5 * z**2
-    pairs = [constant - 0.5 * (z - sign * CORRELATION * before) ** 2 / left for sign in (1.0, -1.0)]
-    found = np.stack([MEAN_SHIFT * z - half, -MEAN_SHIFT * z - half, spread, *pairs], axis=-1)
-    return np.where(np.isnan(found), 0.0, found)
+    z, before = (np.minimum(np.maximum(a, -CLIP), CLIP) for a in (z, before))
+    both = _CONSTANT_OF_PAIR + _SQUARE_OF_PAIR * z * z - _SQUARE_BEFORE * before * before
+    linear, product = MEAN_SHIFT * z, _PRODUCT * z * before
+    found = np.empty((*z.shape, len(CHARTS)))
+    found[..., 0] = linear - _HALF
+    found[..., 1] = -linear - _HALF
+    found[..., 2] = _SQUARE * z * z - _LOG
+    found[..., 3] = both + product
+    found[..., 4] = both - product
+    found[np.isnan(found)] = 0.0
+    return found
 
 
 def usual_of(whitened: np.ndarray) -> Usual:
@@ -165,7 +176,7 @@ def simulated_run_length(
     sums = np.zeros((streams, usual.n_outputs, len(CHARTS)))
     before, alarms = np.full((streams, usual.n_outputs), np.nan), 0
     for first in range(0, samples, BLOCK):
-        z = np.stack([_drawn(usual, streams, rng) for _ in range(min(BLOCK, samples - first))])
+        z = _drawn(usual, min(BLOCK, samples - first), streams, rng)
         steps = increments(z, np.concatenate([before[None], z[:-1]]))
         for step in steps:
             sums += step
@@ -178,14 +189,17 @@ def simulated_run_length(
     return streams * samples / alarms if alarms >= FEWEST_ALARMS else float("inf")
 
 
-def _drawn(usual: Usual, streams: int, rng: np.random.Generator) -> np.ndarray:
+def _drawn(usual: Usual, samples: int, streams: int, rng: np.random.Generator) -> np.ndarray:
+    """Standardised values (samples, streams, n_y)."""
     if usual.drawn is None:
-        return rng.standard_normal((streams, usual.n_outputs))
+        return rng.standard_normal((samples, streams, usual.n_outputs))
     # One sample of all outputs at a time, which keeps what they have in common.
-    return usual.drawn[:, rng.integers(usual.drawn.shape[1], size=streams)].T
+    return usual.drawn.T[rng.integers(usual.drawn.shape[1], size=(samples, streams))]
 
 
 def _standardised(whitened: np.ndarray, lags: np.ndarray, usual: Usual) -> np.ndarray:
+    if not lags.shape[1]:
+        return np.asarray((whitened - usual.mean) / usual.scale)
     past = np.where(np.isnan(lags), 0.0, lags - usual.mean[:, None])
     predicted = usual.mean + np.sum(usual.coefficients * past, axis=1)
     return np.asarray((whitened - predicted) / usual.scale)

@@ -89,6 +89,13 @@ class Unknowns:
         Shapes: (p,)."""
         return np.array([np.log(10.0) if c.is_log else 3.0 for c in self.coordinates])
 
+    def range_around(self, home: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest further start points: between the bounds of the unknowns `within`, of the others
+        as far from `home` as a further start may be, and not beyond a bound. Shapes: all (p,)."""
+        low = np.where(within, self.lower, np.maximum(home - self.spread, self.lower))
+        high = np.where(within, self.upper, np.minimum(home + self.spread, self.upper))
+        return low, high
+
     def of_kind(self, kind: str) -> list[int]:
         return [i for i, c in enumerate(self.coordinates) if c.kind == kind]
 

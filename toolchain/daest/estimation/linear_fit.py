@@ -325,10 +325,8 @@ def _search_from(setup: Setup, simulation: Problem, z: np.ndarray, simulated: Fo
 def _random_starts(unknowns: Unknowns, count: int, seed: int) -> list[np.ndarray]:
     """Random points: within the bounds where both are finite, else around the start."""
     rng = np.random.default_rng(seed)
-    lower, upper, start = unknowns.lower, unknowns.upper, unknowns.start
-    bounded = np.isfinite(lower) & np.isfinite(upper)
-    low = np.where(bounded, lower, np.maximum(start - unknowns.spread, lower))
-    high = np.where(bounded, upper, np.minimum(start + unknowns.spread, upper))
+    bounded = np.isfinite(unknowns.lower) & np.isfinite(unknowns.upper)
+    low, high = unknowns.range_around(unknowns.start, bounded)
     return [rng.uniform(low, high) for _ in range(count)]
 
 

@@ -94,13 +94,16 @@ def best_point(
 def scanned(search: Search, around: np.ndarray, seed: int) -> Iterator[np.ndarray]:
     """Where searches from the most likely of many points have come to after a few iterations, the best first.
 
-    The points fill the range of the parameters (Sobol), the other unknowns are those of `around`. Nothing is
-    computed before the first one is asked for. Shapes: around and the points (n_z,).
+    The points fill the range of the parameters (Sobol): between bounds that are near, else around the user's
+    start; the other unknowns are those of `around`. Nothing is computed before the first one is asked for.
+    Shapes: around and the points (n_z,).
     """
     from scipy.stats import qmc  # half a second, which few fits need
 
-    low, high = _scanned_range(search)
-    own = np.array([i for i, c in enumerate(search.unknowns.coordinates) if c.kind == "parameter"], dtype=int)
+    unknowns = search.unknowns
+    is_near = unknowns.upper - unknowns.lower < NEAR_BOUNDS * unknowns.spread
+    low, high = unknowns.range_around(search.home[: unknowns.start.size], is_near)
+    own = np.array([i for i, c in enumerate(unknowns.coordinates) if c.kind == "parameter"], dtype=int)
     points = np.tile(around, (SCANNED, 1))
     points[:, own] = (low + (high - low) * qmc.Sobol(low.size, seed=seed).random(SCANNED))[:, own]
     ends = [
@@ -110,17 +113,6 @@ def scanned(search: Search, around: np.ndarray, seed: int) -> Iterator[np.ndarra
     ]
     ends.sort(key=lambda end: end.evaluation.value)
     yield from (end.z for end in ends[:PROMISING])
-
-
-def _scanned_range(search: Search) -> tuple[np.ndarray, np.ndarray]:
-    """Within the bounds of a parameter where these are near, else as far from the user's start as a further
-    start may be. Shapes: both (p,)."""
-    unknowns = search.unknowns
-    lower, upper, home = unknowns.lower, unknowns.upper, search.home[: unknowns.start.size]
-    is_near = upper - lower < NEAR_BOUNDS * unknowns.spread
-    low = np.where(is_near, lower, np.maximum(home - unknowns.spread, lower))
-    high = np.where(is_near, upper, np.minimum(home + unknowns.spread, upper))
-    return low, high
 
 
 def _beyond_hills(search: Search, best: Found) -> Found:

@@ -28,7 +28,7 @@ from daest.modelica import syntax as s
 from daest.modelica.assemble import assemble
 from daest.modelica.compiler import Job, compile_source, with_room
 from daest.modelica.connectors import connectors_of
-from daest.modelica.library import bundled_root, library_roots, readable_roots
+from daest.modelica.library import bundled_root, library_roots, readable_roots, stamp
 from daest.modelica.outline import ClassHead, class_heads, class_tokens, tokens
 from daest.modelica.parse import Annotation, annotation_of
 from daest.modelica.source import read_source
@@ -97,7 +97,16 @@ class _Source:
         return ModelError("effect-annotation", f"`{self.head.name}`: {what}", where=where, remedy=remedy)
 
 
-_kept: dict[tuple[str, ...], tuple[str, Mapping[str, _Entry]]] = {}
+@dataclass(frozen=True)
+class _Catalogue:
+    """The entries by class name; `key` is the hash of all that decides them, `seen` a stamp of the files."""
+
+    seen: str
+    key: str
+    entries: Mapping[str, _Entry]
+
+
+_kept: dict[tuple[str, ...], _Catalogue] = {}
 
 
 def effect_library(libraries: Sequence[str | Path] = ()) -> tuple[Effect, ...]:
@@ -115,7 +124,7 @@ def library_digest(libraries: Sequence[str | Path] = ()) -> str:
     """A hash of all that decides `effect_library`: the files of the libraries, and the programs."""
     names = _names(libraries)
     _catalogue(names, check=True)
-    return _kept[names][0]
+    return _kept[names].key
 
 
 def find_effects(name: str, libraries: Sequence[str | Path] = ()) -> tuple[Effect, ...]:
@@ -171,14 +180,19 @@ def _names(libraries: Sequence[str | Path]) -> tuple[str, ...]:
 
 def _catalogue(libraries: tuple[str, ...], check: bool) -> Mapping[str, _Entry]:
     """The entries by class name; `check` looks whether a file has changed since they were read."""
-    if libraries in _kept and not check:
-        return _kept[libraries][1]
+    kept = _kept.get(libraries)
+    if kept is not None and not check:
+        return kept.entries
     roots = library_roots(libraries)
-    files = [(root, file) for root in roots for file in sorted(root.rglob("*.mo"))]
-    key = _key(files)
-    if libraries not in _kept or _kept[libraries][0] != key:
-        _kept[libraries] = key, _stored(key, roots, files, libraries)
-    return _kept[libraries][1]
+    # Names, sizes and times of the files: to read hundreds of them at every question takes ten times as long.
+    seen = stamp(roots)
+    if kept is None or kept.seen != seen:
+        files = [(root, file) for root in roots for file in sorted(root.rglob("*.mo"))]
+        key = _key(files)
+        is_same = kept is not None and kept.key == key
+        entries = kept.entries if kept is not None and is_same else _stored(key, roots, files, libraries)
+        kept = _kept[libraries] = _Catalogue(seen, key, entries)
+    return kept.entries
 
 
 def _key(files: Iterable[tuple[Path, Path]]) -> str:

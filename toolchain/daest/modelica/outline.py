@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import takewhile
 from typing import Literal
 
@@ -55,6 +56,7 @@ def _head(source: bytes, count: int = 64) -> list[Token]:
     return found
 
 
+@lru_cache(maxsize=32)  # the steps of a compilation ask one after the other
 def class_heads(source: bytes) -> tuple[ClassHead, ...]:
     """All class definitions of the file, outer before inner. Broken text gives what can be made out."""
     found: list[ClassHead] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -26,6 +27,8 @@ _TOLERANCE = 1e-9
 # Exchange between bodies that no component joins is plausible in these domains (air, radiation, leaks).
 _PAIRED: tuple[Domain, ...] = ("thermal", "hydraulic")
 _SIGNAL_KINDS = ("input", "output", "parameter")
+# The places of the models that were asked for last: every effect of a search asks for those of one model.
+_found: deque[tuple[FlatModel, tuple[Site, ...]]] = deque(maxlen=8)
 
 
 @dataclass(frozen=True)
@@ -53,10 +56,12 @@ def sites(flat: Model) -> tuple[Site, ...]:
     )
     if not isinstance(flat, FlatModel):
         return signals
+    for model, places in _found:
+        if model is flat:
+            return places
     net = Network(flat)
-    nodes = net.nodes()
-    return (
-        *nodes,
+    places = (
+        *net.nodes(),
         *net.components(),
         *_pairs(net),
         *net.cuts(),
@@ -68,6 +73,8 @@ def sites(flat: Model) -> tuple[Site, ...]:
         *signals,
         *(Site(name, "parameter", "signal") for name in _used_parameters(flat)),
     )
+    _found.append((flat, places))
+    return places
 
 
 def _equations(flat: FlatModel, domain: Domain | None = None) -> list[Site]:

@@ -7,13 +7,15 @@ without damping, neither the states nor the outputs depend on the derivative, an
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
+from daest.errors import ModelError, Place
 from daest.model.flat import Dynamics, InputDerivative
+from daest.model.holds import Hold
 from daest.model.linear import StateSpace
 from daest.model.parts import Parameter
 
@@ -31,6 +33,31 @@ def acting_slopes(
     rows = [_acts(f, explicit.is_symbolic, zeros) for f in (explicit.rhs, explicit.outputs)]
     acts = np.any(np.vstack(rows), axis=0)
     return tuple(d for d, one in zip(explicit.input_derivatives, acts, strict=True) if one)
+
+
+def no_input_derivative(
+    name: str, order: int, hold: Hold, equations: Iterable[str] = (), where: Place | str | None = None
+) -> ModelError:
+    """The refusal of a derivative of the input `name` that its samples do not have: of a higher order than
+    the first, or of a held input. `equations` are lines that name those with the input; `where` is the place
+    of one, else the input."""
+    needed = "the model needs the time derivative of "
+    if order > 1:
+        needed += f"order {order} of input {name}"
+        remedy = (
+            "a sampled input gives only its slope: let the derivative itself be the input of the model, or "
+            "feed the input through a lag"
+        )
+    else:
+        needed += f"input {name}, which a held input ({hold}) does not have"
+        remedy = "use first-order hold (--hold foh)"
+    lines = list(equations)
+    return ModelError(
+        "input-derivative-order" if order > 1 else "input-derivative-hold",
+        "\n".join([f"{needed}, in", *lines] if lines else [needed]),
+        where=name if where is None else where,
+        remedy=remedy,
+    )
 
 
 def moved_variables(explicit: Dynamics, inputs: np.ndarray, theta: np.ndarray) -> np.ndarray:

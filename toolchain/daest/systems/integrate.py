@@ -32,7 +32,7 @@ from daest.systems.affine_steps import DrivenBy, Gain, affine_steps
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import HybridError
 from daest.systems.hybrid import Inputs, follow
-from daest.systems.input_slopes import acting_slopes
+from daest.systems.input_slopes import acting_slopes, no_input_derivative
 from daest.systems.integration import FAILURES, IntegrationError, pointer
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.sensor_laws import relative_slopes, sensor_laws
@@ -507,15 +507,7 @@ def interval_inputs(
     slopes[:, np.flatnonzero(held)] = 0.0
     for derivative in acting_slopes(explicit, theta=theta):
         if derivative.order > 1 or held[derivative.index]:
-            name = explicit.flat.inputs[derivative.index].name
-            raise ModelError(
-                "input-derivative-order" if derivative.order > 1 else "input-derivative-hold",
-                f"the model needs the time derivative of order {derivative.order} of the input {name}, which "
-                f"a sampled input ({hold}) does not have",
-                where=name,
-                remedy="use first-order hold (--hold foh) for a first derivative; for a higher one feed the "
-                "input through a lag, or let the derivative itself be the input",
-            )
+            raise no_input_derivative(names[derivative.index], derivative.order, hold)
     v = slopes[:, [d.index for d in explicit.input_derivatives]]
     return np.hstack([start, v]), np.hstack([end, v])
 

@@ -27,7 +27,7 @@ from daest.systems.event_update import Mode, settled_start
 from daest.systems.expand import name_equations
 from daest.systems.hybrid import HybridRun, Inputs, follow
 from daest.systems.initialize import initial_point
-from daest.systems.input_slopes import acting_slopes, moved_variables
+from daest.systems.input_slopes import acting_slopes, moved_variables, no_input_derivative
 from daest.systems.integrate import (
     ALL_STEPS,
     EquationIntegrator,
@@ -225,7 +225,7 @@ def _slopes(explicit: Dynamics, time: np.ndarray, u: np.ndarray, theta: np.ndarr
     held = held_inputs(hold, [one.name for one in explicit.flat.inputs])
     for derivative in acting_slopes(explicit, theta=theta):
         if derivative.order > 1 or held[derivative.index]:
-            raise _no_input_derivative(explicit.flat, derivative.index, derivative.order, hold)
+            raise _differentiated(explicit.flat, derivative.index, derivative.order, hold)
     sources = [d.index for d in explicit.input_derivatives]
     if time.size < 2:
         return np.zeros((time.size, len(sources)))
@@ -234,27 +234,14 @@ def _slopes(explicit: Dynamics, time: np.ndarray, u: np.ndarray, theta: np.ndarr
     return np.vstack([rates, rates[-1:]])
 
 
-def _no_input_derivative(flat: Model, source: int, order: int, hold: Hold) -> ModelError:
-    name = flat.inputs[source].name
+def _differentiated(flat: Model, source: int, order: int, hold: Hold) -> ModelError:
+    """The refusal of a derivative of an input, with the equations that contain the input."""
     rows: tuple[int, ...] = ()
     if isinstance(flat, FlatModel):
         rows = tuple(sorted(set(ca.jacobian_sparsity(flat.residual, flat.u[source]).get_triplet()[0])))
-    reason = (
-        f"the model needs the time derivative of order {order} of input {name}, because it differentiates"
-        if order > 1
-        else f"the model needs the time derivative of input {name}, which a held input ({hold}) has not, in"
-    )
-    remedy = (
-        "let the derivative itself be the input of the model, or feed the input through a lag"
-        if order > 1
-        else "use first-order hold (--hold foh)"
-    )
-    return ModelError(
-        "input-derivative-order" if order > 1 else "input-derivative-hold",
-        "\n".join([reason, *name_equations(flat.equations, rows)]),
-        where=next((flat.equations[r].place for r in rows), None),
-        remedy=remedy,
-    )
+    place = next((flat.equations[r].place for r in rows), None)
+    lines = name_equations(flat.equations, rows)
+    return no_input_derivative(flat.inputs[source].name, order, hold, lines, place)
 
 
 def _intensities(flat: Model, given: Mapping[str, float]) -> np.ndarray:

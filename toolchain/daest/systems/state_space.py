@@ -28,7 +28,7 @@ from daest.numerics.exponential import (
     transition_integrals,
 )
 from daest.systems.initialize import initial_point
-from daest.systems.input_slopes import acting_slopes_of
+from daest.systems.input_slopes import acting_slopes_of, no_input_derivative
 from daest.systems.linearize import has_affine_dynamics, is_affine_model, operating_point
 from daest.systems.reduce import dynamics
 
@@ -206,21 +206,8 @@ def _square(value: np.ndarray | None, size: int) -> np.ndarray:
 
 def _check_input_derivatives(ss: StateSpace, hold: Hold) -> None:
     for source, order in acting_slopes_of(ss):
-        name = ss.input_names[source]
-        if order > 1:
-            raise ModelError(
-                "input-derivative-order",
-                f"the model needs the time derivative of order {order} of input {name}",
-                where=name,
-                remedy="a sampled input gives only its slope; let the model take the derivative as its input",
-            )
-        if held_inputs(hold, ss.input_names)[source]:
-            raise ModelError(
-                "input-derivative-hold",
-                f"the model needs the time derivative of input {name}, which a held input does not have",
-                where=name,
-                remedy="use first-order hold (--hold foh)",
-            )
+        if order > 1 or held_inputs(hold, ss.input_names)[source]:
+            raise no_input_derivative(ss.input_names[source], order, hold)
 
 
 def _check_direct_noise(ss: StateSpace, intensity: np.ndarray, noise: Noise) -> None:
