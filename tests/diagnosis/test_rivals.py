@@ -18,6 +18,7 @@ from daest.diagnosis.rivals import (
     dynamic_trials,
     no_richer_ones,
     not_begun_by,
+    other_forms,
     reduced_laws,
     richer_laws,
     rounded,
@@ -77,6 +78,22 @@ def test_other_laws_of_a_signal_are_tried_beside_the_best_one():
     assert others and {c.site.name for c in elsewhere} == others
     assert {c.effect.name for c in elsewhere} == {"QuadraticGain"}
     assert signal_laws(proof, SimpleNamespace(entries=entries), [proof]) == ()
+
+
+def test_law_is_tried_in_its_other_direction():
+    _, _, proof = proved("CoulombFriction")
+    null = rubbing().null
+    assert other_forms(null, proof) == ()
+    both = pairs(some_effects("AsymmetricFriction"), [proof.candidate.site])
+    one = next(t for t in trials(screen(null, run_null(null), both), 1.0, 9))
+    prepared = prepare(null.flat, null.estimated, one)
+    name = f"{one.candidate.name}.direction"
+    fit = replace(proof.fit, theta={p.name: p.value for p in prepared.flat.parameters})
+    (other,) = other_forms(null, replace(proof, candidate=one.candidate, flat=prepared.flat, fit=fit))
+    assert other.names == prepared.names and other.trial.candidate.site == proof.candidate.site
+    directions = [{p.name: p.value for p in flat.parameters}[name] for flat in (prepared.flat, other.flat)]
+    assert sorted(directions) == [-1.0, 1.0]
+    assert other.trial.candidate.shape["direction"] == directions[1]
 
 
 def test_simple_law_is_tried_where_a_rich_one_was_first():

@@ -187,6 +187,8 @@ def test_components_are_terms_of_equations(s: complex) -> None:
     assert found["Q", "y_p"] == pytest.approx(1 / (5 * s + 2), rel=1e-10)
     assert found["U", "y_i"] == pytest.approx(1 / (0.7 * s + 23), rel=1e-10)
     assert found["U", "y_j"] == pytest.approx(1 / 29, rel=1e-10)
+    assert found["B", "y_q"] == pytest.approx(1 / (37 * s + 31), rel=1e-10)
+    assert found["B", "y_q2"] == pytest.approx(1 / (37 * s + 41), rel=1e-10)
 
 
 @pytest.mark.parametrize("s", FREQUENCIES)

@@ -24,6 +24,15 @@ model Terms "Balances written as equations, with components as their terms"
   Real j(unit = "A", start = 0) "Current of a term that is a wire";
   Daest.Terms.Voltage i_term(i = i, is_used = true) "Term";
   Daest.Terms.Voltage j_term(i = j) "Term";
+  Daest.Blocks.Interfaces.RealInput B(unit = "Pa", start = 0) "Pressure over the pipes";
+  Real q(unit = "m3/s", start = 0) "Flow through a pipe with a line behind it";
+  Real q2(unit = "m3/s", start = 0) "Flow of a term that is an open pipe";
+  output Real y_q(unit = "m3/s") = q "Flow through a pipe with a line behind it";
+  output Real y_q2(unit = "m3/s") = q2 "Flow of a term that is an open pipe";
+  parameter Real N(unit = "kg/m4") = 37 "Inertances";
+  Daest.Terms.PressureDrop q_term(q = q, is_used = true) "Term";
+  Daest.Terms.PressureDrop q2_term(q = q2) "Term";
+  Daest.Hydraulic.Components.LinearResistance behind(R = 31) "In series";
   Daest.Electrical.Analog.Basic.Inductor coil(L = 0.7) "In series";
   parameter Real m(unit = "kg") = 2 "Masses";
   parameter Real J(unit = "kg.m2") = 3 "Inertias";
@@ -56,6 +65,10 @@ equation
   V*der(p) + p_term.total = Q;
   U = 23*i + i_term.total;
   U = 29*j + j_term.total;
+  N*der(q) + q_term.total = B;
+  N*der(q2) + q2_term.total = B - 41*q2;
+  connect(q_term.port_a, behind.port_a);
+  connect(behind.port_b, q_term.port_b);
   connect(i_term.p, coil.p);
   connect(coil.n, i_term.n);
   connect(s_term.flange, spring.flange_a);
