@@ -41,7 +41,14 @@ from daest.diagnosis.null import (
     refitted,
     with_other_hold,
 )
-from daest.diagnosis.open_loop import driven_share, fitted_in_use, open_screen, simulated_errors
+from daest.diagnosis.open_loop import ITERATIONS as IN_USE
+from daest.diagnosis.open_loop import (
+    driven_share,
+    fitted_in_use,
+    is_far_behind,
+    open_screen,
+    simulated_errors,
+)
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.proof import (
     GENTLE,
@@ -125,6 +132,7 @@ IN_VAIN = "nothing was accepted: once more as if {}"
 DYNAMIC_PARTS = 3  # tasks that the fits of the effects with states are, beside the first refit
 MOST_IN_USE = 3  # trials that lead the screen in open loop
 FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the first is not supported
+FIRST_IN_USE = 5  # iterations of a simulation's fit, after which it may be far behind the leader
 MOST_PLACES = 5  # that the sensors see alike, where a refit is tried again
 ITERATIONS = 15  # of the simulation's fit from which one is tried again
 CURVE_TIMES = 20.0  # those of the fit of the model as it is, that a refit with a curve may take
@@ -780,9 +788,11 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
             if best is None:
                 continue
             best = _found_again(search, prepared, best)
-            if prepared.trial.is_seen_in_use and best.verdict == "rejected":
-                return _shown_in_use(search, prepared, best)
-            return best
+            if best.verdict != "rejected" or not prepared.trial.is_seen_in_use:
+                return best
+            if _is_hopeless_in_use(search, prepared):
+                return best
+            return _shown_in_use(search, prepared, best)
     raise errors[0]
 
 
@@ -852,7 +862,7 @@ def _shown_in_use(search: _Search, prepared: Prepared, beside: Proof, accepted: 
     for make in [None, *_elsewhere(search, prepared)]:
         with suppress(*FAILURES):
             here = prepared if make is None else make()
-            fit = _fitted_in_use(stand, stand.reference, here)
+            fit = _fitted_in_use(stand, stand.reference, here, _as_begun(found[0], here) if found else None)
             if fit is not None:
                 found.append((here, fit))
     if not found:
@@ -886,8 +896,35 @@ def _beside_loads(search: _Search, prepared: Prepared) -> Proof | None:
     return _judged(search, ends, [])
 
 
-def _fitted_in_use(stand: Stand, reference: Reference, prepared: Prepared) -> FitResult | None:
-    """The best simulation of a candidate; None where there is none."""
+def _as_begun(first: tuple[Prepared, FitResult], here: Prepared) -> dict[str, float]:
+    """The parameters of a law at another place, at the values that simulate best at the `first` one."""
+    own, other = (one.trial.candidate.name for one in (here, first[0]))
+    names = {name: name.replace(f"{own}.", f"{other}.", 1) for name in here.names}
+    return {name: first[1].theta[before] for name, before in names.items() if before in first[1].theta}
+
+
+def _is_hopeless_in_use(search: _Search, prepared: Prepared) -> bool:
+    """Whether a few iterations leave the simulation of a candidate far behind that of the leader, of what it
+    is fitted to and of unseen data alike: the rest of its search would be in vain."""
+    stand, leader = search.stand, search.leader
+    if leader is None or leader.final is None or leader.adds_up or stand.reference is None:
+        return False
+    try:
+        first = _fitted_in_use(stand, stand.reference, prepared, iterations=FIRST_IN_USE)
+    except FAILURES:
+        return False
+    return first is not None and is_far_behind(first.simulated, leader.final.simulated)
+
+
+def _fitted_in_use(
+    stand: Stand,
+    reference: Reference,
+    prepared: Prepared,
+    begun: Mapping[str, float] | None = None,
+    iterations: int = IN_USE,
+) -> FitResult | None:
+    """The best simulation of a candidate, or the one from where it has `begun`, if that is known; None where
+    there is none."""
     candidate = prepared.trial.candidate
     return fitted_in_use(
         stand.null,
@@ -897,6 +934,8 @@ def _fitted_in_use(stand: Stand, reference: Reference, prepared: Prepared) -> Fi
         reference.fit,
         fed(stand.null.experiments, candidate),
         fed(stand.validation, candidate),
+        begun,
+        iterations,
     )
 
 
@@ -1123,6 +1162,18 @@ class _Stages:
         parts = [wanted[i : i + size] for i in range(0, len(wanted), size)]
         return [partial(_dynamic, self.search.stand.null, part, self.simulation) for part in parts]
 
+    def by_what_they_simulate(
+        self, dynamic: Sequence[Prepared]
+    ) -> tuple[list[Prepared], list[Prepared]]:
+        """Effects with states whose simulation leaves so little of the errors of the model as it is that they
+        lead all other candidates; and the others."""
+        if self.simulation is None:
+            return [], list(dynamic)
+        n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in self.search.stand.null.experiments)
+        least = self.simulation[0] - n_observed * np.log(GATES.max_leading_ratio)
+        ahead = [one for one in dynamic if one.simulated > least]
+        return ahead, [one for one in dynamic if one.simulated <= least]
+
     def storage(
         self, found: Screen, candidates: Sequence[Candidate], proofs: Sequence[Proof]
     ) -> tuple[Prepared, ...]:
@@ -1256,6 +1307,18 @@ def _length(prepared: Prepared) -> int:
     return (LOOP if prepared.has_loop else 1) * len(prepared.names)
 
 
+def _whole(fits: Sequence[DynamicFits | None]) -> list[DynamicFits]:
+    """The fits for which the time sufficed."""
+    return [part for part in fits if part is not None]
+
+
+def _by_states(chosen: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
+    """The trials without states of their own, and those with; all of them first where none is without."""
+    quick = [one for one in chosen if not one.trial.candidate.effect.n_states]
+    slow = [one for one in chosen if one.trial.candidate.effect.n_states]
+    return (quick, slow) if quick else (slow[:1], slow[1:])
+
+
 def _leader(proofs: Sequence[Proof]) -> Proof | None:
     """The most likely candidate that is supported."""
     supported = [p for p in proofs if p.verdict == "supported"]
@@ -1286,11 +1349,18 @@ def _proofs(
         leading = stages.prepared(wanted[: options.most_trials])
         chosen, richer = simplest_first(leading)
         n_used = sum(any(one is other for other in chosen) for one in leading[:n_used])
-        beside = stages.dynamic(candidates)
-        # Where no fits run beside the first refit, the second one does.
-        n_first = min(max(n_used, 1 if beside else FIRST_TRIALS), len(chosen))
-        proofs, fits = stages.proved([*stages.prepared(given), *chosen[:n_first]], (), beside)
-        dynamic = best_dynamic(null, [part for part in fits if part is not None])
+        fits = stages.proved((), (), stages.dynamic(candidates))[1]
+        ahead, dynamic = stages.by_what_they_simulate(best_dynamic(null, _whole(fits)))
+        proofs: list[Proof] = []
+        for one in ahead:
+            proofs += stages.proved([one], proofs)[0]
+        if proofs:
+            watched(ranked(proofs))
+        # Those whose runs are short lead: beside them, the others need not be pursued as far.
+        n_first = min(max(n_used, 1 if fits else FIRST_TRIALS), len(chosen))
+        quick, slow = _by_states(chosen[:n_first])
+        proofs += stages.proved([*stages.prepared(given), *quick], proofs)[0]
+        proofs += stages.proved(slow, proofs)[0]
         rest = chosen[n_first:FIRST_TRIALS]
         if rest and _leader(proofs) is None:
             proofs += stages.proved(rest, proofs)[0]

@@ -205,7 +205,7 @@ def _best_fit(
     value, theta = max(ends, key=_likelihood)
     sizes = tuple(theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
     trial = Trial(candidate, sizes, (), is_seen_in_use=True)
-    return value, Prepared(trial, flat.with_theta(theta), names)
+    return value, Prepared(trial, flat.with_theta(theta), names, simulated=value)
 
 
 def _model_with(

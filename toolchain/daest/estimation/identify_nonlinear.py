@@ -35,6 +35,7 @@ from daest.estimation.nonlinear_start import (
     unscaled_start,
     with_hold,
     with_other_hold,
+    with_outgrown_scales,
 )
 from daest.estimation.observer import AverageModel
 from daest.estimation.optimum import best_point
@@ -211,7 +212,9 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
     for number in range(WARM_ROUNDS):
         average = average_along(best.problem, best.found.z)
         levels = (best.levels or warm.levels) if number else _rescanned(setup, best, warm)
-        end = _together(setup, problem, best.found.z, levels, average, options.max_iterations, FIT.warm_gain)
+        grown, start = with_outgrown_scales(best.problem, best.found.z)
+        problem = replace(problem, state_scale=grown.state_scale)
+        end = _together(setup, problem, start, levels, average, options.max_iterations, FIT.warm_gain)
         gain = -np.inf if end is None else best.found.evaluation.value - end.found.evaluation.value
         if end is None or gain < 0.0:
             break
