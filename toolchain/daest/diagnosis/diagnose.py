@@ -1037,9 +1037,11 @@ def _dynamic(null: Null, wanted: Sequence[Candidate], simulation: Simulation) ->
         return dynamic_fits(null, wanted, simulation)
 
 
-def _bent(null: Null, found: Screen, candidate: Candidate, nominal: FitResult) -> DynamicFits:
+def _bent(
+    null: Null, found: Screen, candidate: Candidate, nominal: FitResult, lags: DynamicFits
+) -> DynamicFits:
     with _quiet():
-        return bent_fits(null, found, [candidate], nominal)
+        return bent_fits(null, found, [candidate], nominal, lags)
 
 
 def _called(task: Callable[[], Any]) -> Any:
@@ -1162,9 +1164,7 @@ class _Stages:
         parts = [wanted[i : i + size] for i in range(0, len(wanted), size)]
         return [partial(_dynamic, self.search.stand.null, part, self.simulation) for part in parts]
 
-    def by_what_they_simulate(
-        self, dynamic: Sequence[Prepared]
-    ) -> tuple[list[Prepared], list[Prepared]]:
+    def by_what_they_simulate(self, dynamic: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
         """Effects with states whose simulation leaves so little of the errors of the model as it is that they
         lead all other candidates; and the others."""
         if self.simulation is None:
@@ -1205,16 +1205,19 @@ class _Stages:
             return ()
         simplest = [c for c in wanted if not _says_more_of_signal(c, wanted)]
         parts = self._simulated(simplest, found, nominal)
-        shown = {prepared.trial.candidate.site for part in parts for _, prepared in part}
-        parts += self._simulated([c for c in wanted if c not in simplest and c.site in shown], found, nominal)
-        return best_dynamic(null, parts)
+        lags = [pair for part in parts for pair in part]
+        shown = {prepared.trial.candidate.site for _, prepared in lags}
+        richer = [c for c in wanted if c not in simplest and c.site in shown]
+        return best_dynamic(null, [*parts, *self._simulated(richer, found, nominal, lags)])
 
-    def _simulated(self, wanted: Sequence[Candidate], found: Screen, nominal: FitResult) -> list[DynamicFits]:
+    def _simulated(
+        self, wanted: Sequence[Candidate], found: Screen, nominal: FitResult, lags: DynamicFits = ()
+    ) -> list[DynamicFits]:
         """`bent_fits` of each of the wanted effects; without those for which the time does not suffice."""
         for candidate in wanted:
             self.progress(f"simulating with {candidate.label}")
         null = self.search.stand.null
-        parts = self.proved((), (), [partial(_bent, null, found, one, nominal) for one in wanted])[1]
+        parts = self.proved((), (), [partial(_bent, null, found, one, nominal, lags) for one in wanted])[1]
         return [part for part in parts if part is not None]
 
     def shown_in_use(self, proofs: Sequence[Proof]) -> list[Proof]:

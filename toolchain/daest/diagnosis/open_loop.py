@@ -69,9 +69,7 @@ def is_far_behind(one: Mapping[str, Agreement], leader: Mapping[str, Agreement])
     """Whether the simulation of a law is far worse than that of the `leader`, of unseen data and of what it
     was fitted to."""
     ratios = [error_ratios(*({"validation": fit[part]} for fit in (leader, one))) for part in PARTS]
-    return all(
-        part and float(np.mean(np.square(part))) > GATES.far_behind_in_use**2 for part in ratios
-    )
+    return all(part and float(np.mean(np.square(part))) > GATES.far_behind_in_use**2 for part in ratios)
 
 
 def open_screen(null: Null, fit: FitResult, candidates: Sequence[Candidate], seed: int) -> Screen | None:

@@ -51,6 +51,7 @@ from daest.model.flat import Dynamics
 from daest.model.holds import Hold
 from daest.systems.input_slopes import acting_slopes
 from daest.systems.integrate import integrator
+from daest.systems.tolerances import SOLVER
 
 # Of the integration in a search that starts warm. With dry friction in a servo a prediction is then off by at
 # most 1e-3 of its innovation and the log-likelihood by 0.01, in two thirds of the steps that the tolerance of
@@ -124,6 +125,7 @@ def _problem(explicit: Dynamics, setup: Setup) -> TrajectoryProblem:
         setup.unknowns,
         np.ones(explicit.n_states),
         setup.given_std,
+        rtol=setup.options.rtol or SOLVER.search_rtol,
     )
 
 

@@ -104,9 +104,7 @@ def scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem
     return replace(problem, state_scale=scale), np.concatenate([z[:n], x0.ravel()])
 
 
-def with_outgrown_scales(
-    problem: TrajectoryProblem, z: np.ndarray
-) -> tuple[TrajectoryProblem, np.ndarray]:
+def with_outgrown_scales(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem, np.ndarray]:
     """The problem with larger scales of the states that have far outgrown theirs along its runs at z, and z
     in them.
 
