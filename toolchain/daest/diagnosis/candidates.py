@@ -233,7 +233,7 @@ def _dense(function: ca.Function) -> ca.Function:
     if function.sparsity_out(0).is_dense():
         return function
     arguments = [ca.MX.sym(f"a{i}", function.size_in(i)) for i in range(function.n_in())]
-    return ca.Function("dense", arguments, [ca.densify(function(*arguments))])  # type: ignore[arg-type]
+    return ca.Function("dense", arguments, [ca.densify(function(*arguments))])
 
 
 def _shapes(

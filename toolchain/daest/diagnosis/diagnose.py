@@ -129,7 +129,7 @@ MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve o
 AGAIN = "with the effect, {} after all: once more"
 BACK = "that says less: on as if {}"
 IN_VAIN = "nothing was accepted: once more as if {}"
-DYNAMIC_PARTS = 3  # tasks that the fits of the effects with states are, beside the first refit
+DYNAMIC_PARTS = 3  # tasks that the fits of the effects with states are
 MOST_IN_USE = 3  # trials that lead the screen in open loop
 FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the first is not supported
 FIRST_IN_USE = 5  # iterations of a simulation's fit, after which it may be far behind the leader
@@ -1154,15 +1154,22 @@ class _Stages:
         with _quiet():
             return best_simulation(self.search.stand.null)
 
-    def dynamic(self, candidates: Sequence[Candidate]) -> list[Callable[[], DynamicFits]]:
-        """The fits of the effects that change the order of the model as a few tasks; none where there are
-        none."""
+    def dynamic(self, candidates: Sequence[Candidate]) -> list[DynamicFits | None]:
+        """The fits of the effects that change the order of the model, in a few parts, None where the time did
+        not suffice; none where there are no such effects. Dead times are fitted where a lag shows itself."""
         wanted = [c for c in candidates if c.is_dynamic and not c.inputs]
+        simplest = [c for c in wanted if not _says_more_of_signal(c, wanted)]
+        fits = self._dynamic(simplest)
+        shown = {one.trial.candidate.site for part in _whole(fits) for _, one in part}
+        return [*fits, *self._dynamic([c for c in wanted if c not in simplest and c.site in shown])]
+
+    def _dynamic(self, wanted: Sequence[Candidate]) -> list[DynamicFits | None]:
         if not wanted or self.simulation is None:
             return []
         size = -(-len(wanted) // DYNAMIC_PARTS)
         parts = [wanted[i : i + size] for i in range(0, len(wanted), size)]
-        return [partial(_dynamic, self.search.stand.null, part, self.simulation) for part in parts]
+        tasks = [partial(_dynamic, self.search.stand.null, part, self.simulation) for part in parts]
+        return self.proved((), (), tasks)[1]
 
     def by_what_they_simulate(self, dynamic: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
         """Effects with states whose simulation leaves so little of the errors of the model as it is that they
@@ -1352,7 +1359,7 @@ def _proofs(
         leading = stages.prepared(wanted[: options.most_trials])
         chosen, richer = simplest_first(leading)
         n_used = sum(any(one is other for other in chosen) for one in leading[:n_used])
-        fits = stages.proved((), (), stages.dynamic(candidates))[1]
+        fits = stages.dynamic(candidates)
         ahead, dynamic = stages.by_what_they_simulate(best_dynamic(null, _whole(fits)))
         proofs: list[Proof] = []
         for one in ahead:

@@ -68,7 +68,9 @@ def says_more_in_use(used: InUse, other: InUse) -> bool:
 def is_far_behind(one: Mapping[str, Agreement], leader: Mapping[str, Agreement]) -> bool:
     """Whether the simulation of a law is far worse than that of the `leader`, of unseen data and of what it
     was fitted to."""
-    ratios = [error_ratios(*({"validation": fit[part]} for fit in (leader, one))) for part in PARTS]
+    if not all(part in fit for fit in (one, leader) for part in PARTS):
+        return False
+    ratios = [error_ratios({"validation": leader[part]}, {"validation": one[part]}) for part in PARTS]
     return all(part and float(np.mean(np.square(part))) > GATES.far_behind_in_use**2 for part in ratios)
 
 
