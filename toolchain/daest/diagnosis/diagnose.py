@@ -788,11 +788,11 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
             if best is None:
                 continue
             best = _found_again(search, prepared, best)
-            if best.verdict != "rejected" or not prepared.trial.is_seen_in_use:
-                return best
-            if _is_hopeless_in_use(search, prepared):
-                return best
-            return _shown_in_use(search, prepared, best)
+            if prepared.trial.is_seen_in_use and best.verdict == "rejected":
+                return (
+                    best if _is_hopeless_in_use(search, prepared) else _shown_in_use(search, prepared, best)
+                )
+            return best
     raise errors[0]
 
 
@@ -862,7 +862,7 @@ def _shown_in_use(search: _Search, prepared: Prepared, beside: Proof, accepted: 
     for make in [None, *_elsewhere(search, prepared)]:
         with suppress(*FAILURES):
             here = prepared if make is None else make()
-            fit = _fitted_in_use(stand, stand.reference, here, _as_begun(found[0], here) if found else None)
+            fit = _fitted_there(stand, stand.reference, here, found[:1])
             if fit is not None:
                 found.append((here, fit))
     if not found:
@@ -894,6 +894,22 @@ def _beside_loads(search: _Search, prepared: Prepared) -> Proof | None:
             if not has_lost_its_way(ends[-1]):
                 break
     return _judged(search, ends, [])
+
+
+def _fitted_there(
+    stand: Stand,
+    reference: Reference,
+    here: Prepared,
+    first: Sequence[tuple[Prepared, FitResult]],
+) -> FitResult | None:
+    """The best simulation of a law at one of its places: from where it ends at the `first` one, if there is
+    one and it does the same here; else from its own starts."""
+    if first:
+        with suppress(*FAILURES):
+            again = _fitted_in_use(stand, reference, here, _as_begun(first[0], here))
+            if again and abs(again.log_likelihood - first[0][1].log_likelihood) < GATES.same_fit:
+                return again
+    return _fitted_in_use(stand, reference, here)
 
 
 def _as_begun(first: tuple[Prepared, FitResult], here: Prepared) -> dict[str, float]:
