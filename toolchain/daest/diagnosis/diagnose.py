@@ -789,9 +789,8 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
                 continue
             best = _found_again(search, prepared, best)
             if prepared.trial.is_seen_in_use and best.verdict == "rejected":
-                return (
-                    best if _is_hopeless_in_use(search, prepared) else _shown_in_use(search, prepared, best)
-                )
+                is_hopeless = _is_hopeless_in_use(search, prepared)
+                return best if is_hopeless else _shown_in_use(search, prepared, best)
             return best
     raise errors[0]
 
@@ -1339,7 +1338,8 @@ def _whole(fits: Sequence[DynamicFits | None]) -> list[DynamicFits]:
 
 
 def _by_states(chosen: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
-    """The trials without states of their own, and those with; all of them first where none is without."""
+    """The trials without states of their own, and those with; of these the first alone leads
+    where none is without."""
     quick = [one for one in chosen if not one.trial.candidate.effect.n_states]
     slow = [one for one in chosen if one.trial.candidate.effect.n_states]
     return (quick, slow) if quick else (slow[:1], slow[1:])
