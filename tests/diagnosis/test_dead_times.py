@@ -14,6 +14,7 @@ from daest.diagnosis.null import fit_null
 from daest.diagnosis.options import DiagnoseOptions
 from daest.model.effects import Site
 from daest.model.experiment import Experiment
+from daest.model.fit import IdentifyOptions
 from daest.modelica.compile import compile_text
 from daest.modelica.effects import effect_library
 from daest.modelica.sites import sites
@@ -55,15 +56,20 @@ def test_shift_is_that_of_one_signal():
 def test_likeliest_shift_is_the_dead_time(name, dead):
     flat, record = compile_text(ARM, Path("Arm.mo")), recorded(**dead)
     null = fit_null(flat, load_sites(flat), [record], "zoh")
-    found = best_shift(null, signal(name), TRUE)
-    assert found is not None and found[1] == pytest.approx(0.16, rel=0.15)
+    options = IdentifyOptions(
+        method="oe", estimate=("k", "d"), fix=null.shortest_times, hold="zoh", shooting=1
+    )
+    found = best_shift(null, signal(name), [0.08, 0.12, 0.16, 0.2, 0.24], options)
+    assert found is not None and found.delay == 0.16
+    assert found.theta["k"] == pytest.approx(TRUE["k"], rel=0.03)
+    assert found.theta["d"] == pytest.approx(TRUE["d"], rel=0.1)
 
 
 @pytest.mark.slow
 def test_dead_time_beside_a_pendulum() -> None:
     flat = compile_text(ARM, Path("Arm.mo"))
     options = DiagnoseOptions(effects=("Lag", "Delay", "CoulombFriction"), hold="zoh")
-    found = diagnose(flat, effect_library(), [recorded(dead_input=0.16)], (), options)
+    found = diagnose(flat, effect_library(), [recorded(dead_input=0.16, n=1400)], (), options)
     named = {
         (p.candidate.effect.name, p.candidate.site.name) for p in found.proofs if p.verdict != "rejected"
     }

@@ -2,50 +2,55 @@
 
 A dead time has ten states, and beside a model that is not affine each run of them takes as long as a hundred
 without. But a model whose input is late is the model driven by the shifted input, and one whose output is
-late has its measurements shifted back: both are runs of the model as it is. They tell how long the dead time
+late has its measurements shifted back: both are fits of the model as it is. They tell how long the dead time
 may be, and whether it can come near to a lag at the same signal at all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.diagnosis.null import Null, period_of, pinned
-from daest.diagnosis.unseen import free_runs
+from daest.diagnosis.null import Null
+from daest.diagnosis.settled import FAILURES
+from daest.estimation.identify import identify
 from daest.model.effects import Site
 from daest.model.experiment import Experiment
+from daest.model.fit import IdentifyOptions
 
 DELAY = "Daest.Effects.Signals.Delay"
-SHIFTS = np.geomspace(1.0, 100.0, 13)  # sampling periods, ...
-FINER = 7  # ... and so many between the neighbours of the best
+SHIFTS = (0.4, 0.55, 0.7, 0.85, 1.0, 1.2)  # of the time constant of a lag that fits best
 
 
-def best_shift(null: Null, site: Site, theta: Mapping[str, float]) -> tuple[float, float] | None:
-    """The log-likelihood of the simulation of the null's model, with its parameters as in `theta` as far as
-    they are there and a dead time at the `site` of a signal, and that dead time [s], of all SHIFTS the
-    likeliest; None where the model cannot be simulated."""
-    own = {p.name: theta[p.name] for p in null.flat.parameters if p.name in theta}
-    model = replace(null, flat=pinned(null.flat.with_theta(own), null.explicit))
+@dataclass(frozen=True)
+class Shift:
+    """A dead time [s], with the log-likelihood and all parameters of the simulation beside it."""
 
-    def likeliest(delays: Sequence[float]) -> tuple[float, float] | None:
-        tried = []
-        for delay in delays:
-            shifted = tuple(shifted_back(one, site, delay) for one in null.experiments)
-            runs = free_runs(model, shifted)
-            if runs is not None:
-                errors = [e.outputs - run.outputs for e, run in zip(shifted, runs, strict=True)]
-                tried.append((_log_likelihood(errors, null.experiments), delay))
-        return max(tried, default=None)
+    log_likelihood: float
+    delay: float
+    theta: Mapping[str, float]
 
-    first = likeliest((SHIFTS * period_of(null.experiments)).tolist())
-    if first is None:
-        return None
-    step = SHIFTS[1] / SHIFTS[0]
-    again = likeliest(np.geomspace(first[1] / step, first[1] * step, FINER).tolist())
-    return first if again is None else max(first, again)
+
+def best_shift(null: Null, site: Site, delays: Sequence[float], options: IdentifyOptions) -> Shift | None:
+    """Of dead times [s] at the `site` of a signal, from short to long, the one beside which the null's model
+    simulates best; the fit at each begins where the one before ended. None where none succeeds."""
+    found: list[Shift] = []
+    for delay in delays:
+        shifted = tuple(shifted_back(one, site, delay) for one in null.experiments)
+        with suppress(*FAILURES):
+            fit = identify(null.flat, shifted, options)
+            options = replace(options, start={name: fit.theta[name] for name in null.estimated})
+            # As if nothing were missing behind the end.
+            whole = _n_measured(null.experiments) / _n_measured(shifted)
+            found.append(Shift(whole * fit.log_likelihood, delay, fit.theta))
+    return max(found, key=lambda one: one.log_likelihood, default=None)
+
+
+def _n_measured(experiments: Sequence[Experiment]) -> int:
+    return sum(int(np.isfinite(e.outputs).sum()) for e in experiments)
 
 
 def shifted_back(experiment: Experiment, site: Site, delay: float) -> Experiment:
@@ -60,11 +65,3 @@ def shifted_back(experiment: Experiment, site: Site, delay: float) -> Experiment
         return replace(experiment, inputs=moved)
     moved[:, column] = np.interp(time + delay, time, table[:, column], right=np.nan)
     return replace(experiment, outputs=moved)
-
-
-def _log_likelihood(errors: Sequence[np.ndarray], experiments: Sequence[Experiment]) -> float:
-    """Of errors with the variances that suit them best, as if there were one for every measurement."""
-    table = np.concatenate(errors)
-    count = np.isfinite(np.concatenate([e.outputs for e in experiments])).sum(axis=0)
-    variance = np.nanmean(table**2, axis=0)
-    return float(-0.5 * np.sum(count * (np.log(2.0 * np.pi * variance) + 1.0)))

@@ -17,7 +17,7 @@ from itertools import chain
 import numpy as np
 
 from daest.diagnosis.candidates import with_shapes
-from daest.diagnosis.dead_times import DELAY, best_shift
+from daest.diagnosis.dead_times import DELAY, SHIFTS, best_shift
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, period_of
 from daest.diagnosis.proof import SHARPER, Prepared, Trial, bic_gain
@@ -117,8 +117,9 @@ def bent_fits(
     for candidate in wanted:
         lag = _lag_at(candidate, lags)
         if candidate.effect.class_name == DELAY and lag is not None:
-            starts = _from_shift(null, candidate, nominal, lag)
-        elif candidate.is_of_signal:
+            fits.append(_dead_time(null, candidate, nominal, lag))
+            continue
+        if candidate.is_of_signal:
             starts = _from_period(null, candidate, BENT_LAGS)
         else:
             starts = _from_library(candidate) if candidate.is_dynamic else _from_screen(found, candidate)
@@ -139,19 +140,23 @@ def _lag_at(candidate: Candidate, lags: DynamicFits) -> tuple[float, Prepared] |
     return max(there, key=lambda pair: pair[0], default=None)
 
 
-def _from_shift(
+def _dead_time(
     null: Null, candidate: Candidate, nominal: FitResult, lag: tuple[float, Prepared]
-) -> list[dict[str, float]]:
-    """The size of a dead time, by shifts of the recordings with the parameters of the fit of a `lag`; none
-    where it gains much less than that."""
+) -> tuple[float, Prepared] | None:
+    """The output-error fit of a dead time, from the best shift of the recordings near to the time constant of
+    the `lag`; None where a shift gains much less than that does."""
     value, prepared = lag
-    shift = best_shift(null, candidate.site, {p.name: p.value for p in prepared.flat.parameters})
-    if shift is None:
-        return _from_period(null, candidate, BENT_LAGS)
-    gain, gain_of_lag = shift[0] - nominal.log_likelihood, value - nominal.log_likelihood
-    if gain < GATES.min_shift_gain * gain_of_lag:
-        return []
-    return [{candidate.effect.sizes[0].name: shift[1]}]
+    values = {p.name: p.value for p in prepared.flat.parameters}
+    own = prepared.trial.candidate
+    T = values[f"{own.name}.{own.effect.sizes[0].name}"]
+    start = {name: nominal.theta[name] for name in null.estimated}
+    options = replace(_options(null, null.estimated), start=start, rtol=RTOL)
+    shift = best_shift(null, candidate.site, [share * T for share in SHIFTS], options)
+    before = nominal.log_likelihood
+    if shift is None or shift.log_likelihood - before < GATES.min_shift_gain * (value - before):
+        return None
+    size = {candidate.effect.sizes[0].name: shift.delay}
+    return _best_fit(null, candidate, [size], (before, {**nominal.theta, **shift.theta}), BENT)
 
 
 def _from_library(candidate: Candidate) -> list[dict[str, float]]:
