@@ -11,10 +11,18 @@ from daest.diagnosis.diagnose import _said_of_inputs
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import fit_null
-from daest.diagnosis.open_loop import Simulated, driven_share, in_use, says_more_in_use, speaks_for
+from daest.diagnosis.open_loop import (
+    Simulated,
+    driven_share,
+    in_use,
+    is_far_behind,
+    says_more_in_use,
+    speaks_for,
+)
 from daest.diagnosis.proof import _undriven
 from daest.model.diagnosis import InUse
 from daest.model.experiment import Experiment
+from daest.model.fit import Agreement
 from daest.modelica.compile import compile_text
 
 
@@ -46,6 +54,19 @@ def test_a_law_that_does_nothing_is_seldom_better_in_use(memory):
     certainties = np.array([one.certainty for one in found])
     assert abs(certainties.mean()) < 0.4 and 0.7 < certainties.std() < 1.3
     assert sum(speaks_for(one, 1) for one in found) <= 2
+
+
+def agreements(fitted, unseen):
+    parts = {"estimation": fitted, "validation": unseen}
+    return {name: Agreement({"y": 50.0}, {"y": rms}) for name, rms in parts.items()}
+
+
+def test_far_behind_is_worse_on_all_data():
+    leader = agreements(1.0, 1.0)
+    assert is_far_behind(agreements(4.0, 3.0), leader)
+    assert not is_far_behind(agreements(4.0, 1.5), leader)
+    assert not is_far_behind(agreements(1.5, 4.0), leader)
+    assert not is_far_behind({"estimation": leader["estimation"]}, leader)
 
 
 def test_what_is_not_known_says_nothing():

@@ -382,3 +382,26 @@ def test_a_state_at_rest_is_not_resolved_to_its_rounding(monkeypatch: pytest.Mon
     found, z = nonlinear_start.scaled(problem, np.array([0.1, 9.0, 1e-24, 0.0]))  # type: ignore[arg-type]
     np.testing.assert_allclose(found.state_scale, [0.2, 90.0, 1.0, 1e-12])
     np.testing.assert_allclose(z, [0.5, 0.1, 1e-24, 0.0])
+
+
+def test_scale_of_a_state_follows_when_it_has_far_outgrown_it() -> None:
+    """The force of a spring that did nothing in the simulation which the scales are read off."""
+    explicit = explicit_from(
+        ("w", "z"),
+        {"d": 1.0},
+        lambda x, u, w, p, t: [-p[0] * x[0] + u[0], -x[1]],
+        {"y": lambda x, u, p: x[0]},
+    )
+    time = 0.1 * np.arange(50)
+    record = experiment_of(explicit, time, np.sin(time)[:, None], np.sin(time)[:, None])
+    unknowns = Unknowns((), np.array([1.0]), np.zeros(0), np.ones(1))
+    problem = trajectories.TrajectoryProblem(
+        integrator(explicit), (record,), "zoh", unknowns, np.array([0.5, 1.0]), np.array([np.nan])
+    )
+    z = np.array([0.2, 700.0])
+    found, moved = nonlinear_start.with_outgrown_scales(problem, z)
+    np.testing.assert_allclose(found.state_scale, [0.5, 700.0])
+    np.testing.assert_allclose(found.initial_states(moved), problem.initial_states(z))
+    # One that is a few scales large keeps them: another scale is another path of the search.
+    same, kept = nonlinear_start.with_outgrown_scales(problem, np.array([0.2, 5.0]))
+    assert same is problem and kept[1] == 5.0

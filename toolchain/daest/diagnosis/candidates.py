@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
+import casadi as ca
 import numpy as np
 
 from daest.diagnosis.grown_states import brought_rows, with_integrals
@@ -17,6 +18,7 @@ from daest.model.flat import ExplicitModel, FlatModel
 from daest.modelica.attach import attach_all, check_values
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import fits
+from daest.numerics.evaluator import along
 from daest.systems.reduce import reduce_index
 
 MOST_SHAPES = 32  # of one effect at one place: thinned out, periodic effects lose whole phases
@@ -218,13 +220,21 @@ def courses(
     )
     u = np.zeros((explicit.rhs.numel_in(1), chosen.size))
     u[: inputs.shape[1]] = inputs[chosen].T
-    v, w = (np.zeros((explicit.rhs.numel_in(i), chosen.size)) for i in (2, 3))
-    x = with_integrals(explicit, brought_rows(explicit, states), time[chosen], x.T, (u, v)).T
-    theta = np.tile(explicit.flat.theta_values[:, None], (1, chosen.size))
-    values = explicit.variables.map(chosen.size)(x, u, v, w, theta, time[chosen])
+    v, w = np.zeros((explicit.rhs.numel_in(2), chosen.size)), np.zeros(explicit.rhs.numel_in(3))
+    states_there = with_integrals(explicit, brought_rows(explicit, states), time[chosen], x.T, (u, v))
+    columns = [states_there, u.T, v.T, w, explicit.flat.theta_values, time[chosen][:, None]]
+    values = along(_dense(explicit.variables), columns)[0]
     names = [v.name for v in explicit.flat.unknowns]
-    found = dict(zip(names, np.array(values), strict=True))
+    found = dict(zip(names, values.T, strict=True))
     return found | {v.name: row for v, row in zip(explicit.flat.inputs, u, strict=True)}
+
+
+def _dense(function: ca.Function) -> ca.Function:
+    """The function with all elements of its result."""
+    if function.sparsity_out(0).is_dense():
+        return function
+    arguments = [ca.MX.sym(f"a{i}", function.size_in(i)) for i in range(function.n_in())]
+    return ca.Function("dense", arguments, [ca.densify(function(*arguments))])
 
 
 def _shapes(

@@ -41,7 +41,14 @@ from daest.diagnosis.null import (
     refitted,
     with_other_hold,
 )
-from daest.diagnosis.open_loop import driven_share, fitted_in_use, open_screen, simulated_errors
+from daest.diagnosis.open_loop import ITERATIONS as IN_USE
+from daest.diagnosis.open_loop import (
+    driven_share,
+    fitted_in_use,
+    is_far_behind,
+    open_screen,
+    simulated_errors,
+)
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.proof import (
     GENTLE,
@@ -123,9 +130,10 @@ MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve o
 AGAIN = "with the effect, {} after all: once more"
 BACK = "that says less: on as if {}"
 IN_VAIN = "nothing was accepted: once more as if {}"
-DYNAMIC_PARTS = 3  # tasks that the fits of the effects with states are, beside the first refit
+DYNAMIC_PARTS = 3  # tasks that the fits of the effects with states are
 MOST_IN_USE = 3  # trials that lead the screen in open loop
 FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the first is not supported
+FIRST_IN_USE = 5  # iterations of a simulation's fit, after which it may be far behind the leader
 MOST_PLACES = 5  # that the sensors see alike, where a refit is tried again
 ITERATIONS = 15  # of the simulation's fit from which one is tried again
 CURVE_TIMES = 20.0  # those of the fit of the model as it is, that a refit with a curve may take
@@ -782,7 +790,8 @@ def _refitted(search: _Search, prepared: Prepared) -> Proof:
                 continue
             best = _found_again(search, prepared, best)
             if prepared.trial.is_seen_in_use and best.verdict == "rejected":
-                return _shown_in_use(search, prepared, best)
+                is_hopeless = _is_hopeless_in_use(search, prepared)
+                return best if is_hopeless else _shown_in_use(search, prepared, best)
             return best
     raise errors[0]
 
@@ -853,7 +862,7 @@ def _shown_in_use(search: _Search, prepared: Prepared, beside: Proof, accepted: 
     for make in [None, *_elsewhere(search, prepared)]:
         with suppress(*FAILURES):
             here = prepared if make is None else make()
-            fit = _fitted_in_use(stand, stand.reference, here)
+            fit = _fitted_there(stand, stand.reference, here, found[:1])
             if fit is not None:
                 found.append((here, fit))
     if not found:
@@ -887,8 +896,51 @@ def _beside_loads(search: _Search, prepared: Prepared) -> Proof | None:
     return _judged(search, ends, [])
 
 
-def _fitted_in_use(stand: Stand, reference: Reference, prepared: Prepared) -> FitResult | None:
-    """The best simulation of a candidate; None where there is none."""
+def _fitted_there(
+    stand: Stand,
+    reference: Reference,
+    here: Prepared,
+    first: Sequence[tuple[Prepared, FitResult]],
+) -> FitResult | None:
+    """The best simulation of a law at one of its places: from where it ends at the `first` one, if there is
+    one and it does the same here; else from its own starts."""
+    if first:
+        with suppress(*FAILURES):
+            again = _fitted_in_use(stand, reference, here, _as_begun(first[0], here))
+            if again and abs(again.log_likelihood - first[0][1].log_likelihood) < GATES.same_fit:
+                return again
+    return _fitted_in_use(stand, reference, here)
+
+
+def _as_begun(first: tuple[Prepared, FitResult], here: Prepared) -> dict[str, float]:
+    """The parameters of a law at another place, at the values that simulate best at the `first` one."""
+    own, other = (one.trial.candidate.name for one in (here, first[0]))
+    names = {name: name.replace(f"{own}.", f"{other}.", 1) for name in here.names}
+    return {name: first[1].theta[before] for name, before in names.items() if before in first[1].theta}
+
+
+def _is_hopeless_in_use(search: _Search, prepared: Prepared) -> bool:
+    """Whether a few iterations leave the simulation of a candidate far behind that of the leader, of what it
+    is fitted to and of unseen data alike: the rest of its search would be in vain."""
+    stand, leader = search.stand, search.leader
+    if leader is None or leader.final is None or leader.adds_up or stand.reference is None:
+        return False
+    try:
+        first = _fitted_in_use(stand, stand.reference, prepared, iterations=FIRST_IN_USE)
+    except FAILURES:
+        return False
+    return first is not None and is_far_behind(first.simulated, leader.final.simulated)
+
+
+def _fitted_in_use(
+    stand: Stand,
+    reference: Reference,
+    prepared: Prepared,
+    begun: Mapping[str, float] | None = None,
+    iterations: int = IN_USE,
+) -> FitResult | None:
+    """The best simulation of a candidate, or the one from where it has `begun`, if that is known; None where
+    there is none."""
     candidate = prepared.trial.candidate
     return fitted_in_use(
         stand.null,
@@ -898,6 +950,8 @@ def _fitted_in_use(stand: Stand, reference: Reference, prepared: Prepared) -> Fi
         reference.fit,
         fed(stand.null.experiments, candidate),
         fed(stand.validation, candidate),
+        begun,
+        iterations,
     )
 
 
@@ -999,9 +1053,11 @@ def _dynamic(null: Null, wanted: Sequence[Candidate], simulation: Simulation) ->
         return dynamic_fits(null, wanted, simulation)
 
 
-def _bent(null: Null, found: Screen, candidate: Candidate, nominal: FitResult) -> DynamicFits:
+def _bent(
+    null: Null, found: Screen, candidate: Candidate, nominal: FitResult, lags: DynamicFits
+) -> DynamicFits:
     with _quiet():
-        return bent_fits(null, found, [candidate], nominal)
+        return bent_fits(null, found, [candidate], nominal, lags)
 
 
 def _called(task: Callable[[], Any]) -> Any:
@@ -1114,15 +1170,32 @@ class _Stages:
         with _quiet():
             return best_simulation(self.search.stand.null)
 
-    def dynamic(self, candidates: Sequence[Candidate]) -> list[Callable[[], DynamicFits]]:
-        """The fits of the effects that change the order of the model as a few tasks; none where there are
-        none."""
+    def dynamic(self, candidates: Sequence[Candidate]) -> list[DynamicFits | None]:
+        """The fits of the effects that change the order of the model, in a few parts, None where the time did
+        not suffice; none where there are no such effects. Dead times are fitted where a lag shows itself."""
         wanted = [c for c in candidates if c.is_dynamic and not c.inputs]
+        simplest = [c for c in wanted if not _says_more_of_signal(c, wanted)]
+        fits = self._dynamic(simplest)
+        shown = {one.trial.candidate.site for part in _whole(fits) for _, one in part}
+        return [*fits, *self._dynamic([c for c in wanted if c not in simplest and c.site in shown])]
+
+    def _dynamic(self, wanted: Sequence[Candidate]) -> list[DynamicFits | None]:
         if not wanted or self.simulation is None:
             return []
         size = -(-len(wanted) // DYNAMIC_PARTS)
         parts = [wanted[i : i + size] for i in range(0, len(wanted), size)]
-        return [partial(_dynamic, self.search.stand.null, part, self.simulation) for part in parts]
+        tasks = [partial(_dynamic, self.search.stand.null, part, self.simulation) for part in parts]
+        return self.proved((), (), tasks)[1]
+
+    def by_what_they_simulate(self, dynamic: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
+        """Effects with states whose simulation leaves so little of the errors of the model as it is that they
+        lead all other candidates; and the others."""
+        if self.simulation is None:
+            return [], list(dynamic)
+        n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in self.search.stand.null.experiments)
+        least = self.simulation[0] - n_observed * np.log(GATES.max_leading_ratio)
+        ahead = [one for one in dynamic if one.simulated > least]
+        return ahead, [one for one in dynamic if one.simulated <= least]
 
     def storage(
         self, found: Screen, candidates: Sequence[Candidate], proofs: Sequence[Proof]
@@ -1155,16 +1228,19 @@ class _Stages:
             return ()
         simplest = [c for c in wanted if not _says_more_of_signal(c, wanted)]
         parts = self._simulated(simplest, found, nominal)
-        shown = {prepared.trial.candidate.site for part in parts for _, prepared in part}
-        parts += self._simulated([c for c in wanted if c not in simplest and c.site in shown], found, nominal)
-        return best_dynamic(null, parts)
+        lags = [pair for part in parts for pair in part]
+        shown = {prepared.trial.candidate.site for _, prepared in lags}
+        richer = [c for c in wanted if c not in simplest and c.site in shown]
+        return best_dynamic(null, [*parts, *self._simulated(richer, found, nominal, lags)])
 
-    def _simulated(self, wanted: Sequence[Candidate], found: Screen, nominal: FitResult) -> list[DynamicFits]:
+    def _simulated(
+        self, wanted: Sequence[Candidate], found: Screen, nominal: FitResult, lags: DynamicFits = ()
+    ) -> list[DynamicFits]:
         """`bent_fits` of each of the wanted effects; without those for which the time does not suffice."""
         for candidate in wanted:
             self.progress(f"simulating with {candidate.label}")
         null = self.search.stand.null
-        parts = self.proved((), (), [partial(_bent, null, found, one, nominal) for one in wanted])[1]
+        parts = self.proved((), (), [partial(_bent, null, found, one, nominal, lags) for one in wanted])[1]
         return [part for part in parts if part is not None]
 
     def shown_in_use(self, proofs: Sequence[Proof]) -> list[Proof]:
@@ -1257,6 +1333,19 @@ def _length(prepared: Prepared) -> int:
     return (LOOP if prepared.has_loop else 1) * len(prepared.names)
 
 
+def _whole(fits: Sequence[DynamicFits | None]) -> list[DynamicFits]:
+    """The fits for which the time sufficed."""
+    return [part for part in fits if part is not None]
+
+
+def _by_states(chosen: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
+    """The trials without states of their own, and those with; of these the first alone leads
+    where none is without."""
+    quick = [one for one in chosen if not one.trial.candidate.effect.n_states]
+    slow = [one for one in chosen if one.trial.candidate.effect.n_states]
+    return (quick, slow) if quick else (slow[:1], slow[1:])
+
+
 def _leader(proofs: Sequence[Proof]) -> Proof | None:
     """The most likely candidate that is supported."""
     supported = [p for p in proofs if p.verdict == "supported"]
@@ -1287,11 +1376,18 @@ def _proofs(
         leading = stages.prepared(wanted[: options.most_trials])
         chosen, richer = simplest_first(leading)
         n_used = sum(any(one is other for other in chosen) for one in leading[:n_used])
-        beside = stages.dynamic(candidates)
-        # Where no fits run beside the first refit, the second one does.
-        n_first = min(max(n_used, 1 if beside else FIRST_TRIALS), len(chosen))
-        proofs, fits = stages.proved([*stages.prepared(given), *chosen[:n_first]], (), beside)
-        dynamic = best_dynamic(null, [part for part in fits if part is not None])
+        fits = stages.dynamic(candidates)
+        ahead, dynamic = stages.by_what_they_simulate(best_dynamic(null, _whole(fits)))
+        proofs: list[Proof] = []
+        for one in ahead:
+            proofs += stages.proved([one], proofs)[0]
+        if proofs:
+            watched(ranked(proofs))
+        # Those whose runs are short lead: beside them, the others need not be pursued as far.
+        n_first = min(max(n_used, 1 if fits else FIRST_TRIALS), len(chosen))
+        quick, slow = _by_states(chosen[:n_first])
+        proofs += stages.proved([*stages.prepared(given), *quick], proofs)[0]
+        proofs += stages.proved(slow, proofs)[0]
         rest = chosen[n_first:FIRST_TRIALS]
         if rest and _leader(proofs) is None:
             proofs += stages.proved(rest, proofs)[0]

@@ -21,6 +21,7 @@ from scipy.linalg import expm
 
 from daest.errors import EstimationError
 from daest.model.flat import ExplicitModel
+from daest.numerics.evaluator import along
 
 STEP_DECIMALS = 9  # of a step in the usual one, to which steps are the same
 Inputs = tuple[np.ndarray, np.ndarray]  # u (n_u, n_samples) and v (n_v, n_samples)
@@ -58,14 +59,13 @@ def with_integrals(
     states that move each other."""
     if not rows:
         return states
-    n_samples = time.size
     result = states.copy()
     result[:, rows] = 0.0
-    theta = np.tile(explicit.flat.theta_values[:, None], (1, n_samples))
-    w = np.zeros((explicit.rhs.numel_in(3), n_samples))
-    law = _own_rates(explicit, rows).map(n_samples)
-    a, b = (np.array(part) for part in law(result.T, *inputs, w, theta, time[None, :]))
-    arguments, slopes = _slopes_among(explicit, rows)
+    arguments, rates, slopes = _rates_among(explicit, rows)
+    law = ca.Function("rates", arguments, [ca.densify(part) for part in (rates, ca.diag(slopes))])
+    w = np.zeros(explicit.rhs.numel_in(3))
+    columns = [result, *(part.T for part in inputs), w, time[:, None]]
+    a, b = (np.ascontiguousarray(part.T) for part in along(law, columns))
     alone, together = _apart(slopes)
     result[:, [rows[i] for i in alone]] = _integrals(time, a[alone], b[alone])
     if together:
@@ -111,7 +111,7 @@ def brought_rows(explicit: ExplicitModel, known: Collection[str]) -> list[int]:
     new = [i for i, name in enumerate(explicit.state_names) if name not in known]
     if not new:
         return []
-    arguments, slopes = _slopes_among(explicit, new)
+    arguments, _, slopes = _rates_among(explicit, new)
     bent_by = ca.which_depends(ca.vec(slopes), arguments[0], 1, False)
     if any(bent_by[i] for i in new):
         return []
@@ -122,7 +122,7 @@ def brought_rows(explicit: ExplicitModel, known: Collection[str]) -> list[int]:
 
 
 def _apart(slopes: Any) -> tuple[list[int], list[int]]:
-    """Places in the states of `_slopes_among` of those that no other one moves or is moved by, and of the
+    """Places in the states of `_rates_among` of those that no other one moves or is moved by, and of the
     rest."""
     moved_by = ca.DM(slopes.sparsity(), 1.0).full()
     among = moved_by - np.diag(np.diag(moved_by))
@@ -130,8 +130,8 @@ def _apart(slopes: Any) -> tuple[list[int], list[int]]:
     return np.flatnonzero(is_alone).tolist(), np.flatnonzero(~is_alone).tolist()
 
 
-def _slopes_among(explicit: ExplicitModel, rows: list[int]) -> tuple[list[Any], Any]:
-    """(x, u, v, w, t) as symbols and the slopes of the rates of the states `rows` over them, at the
+def _rates_among(explicit: ExplicitModel, rows: list[int]) -> tuple[list[Any], Any, Any]:
+    """(x, u, v, w, t) as symbols, the rates of the states `rows` and their slopes over them, at the
     parameters of the model; without what is multiplied by a parameter of zero, where the equations are no
     loops that are solved by iterations."""
     rhs, names = explicit.rhs, [explicit.rhs.name_in(i) for i in range(explicit.rhs.n_in())]
@@ -140,22 +140,7 @@ def _slopes_among(explicit: ExplicitModel, rows: list[int]) -> tuple[list[Any], 
         rhs, symbols = rhs.expand(), ca.SX
     x, u, v, w, t = (symbols.sym(names[i], rhs.numel_in(i)) for i in (0, 1, 2, 3, 5))
     rates = rhs(x, u, v, w, symbols(explicit.flat.theta_values), t)
-    return [x, u, v, w, t], ca.jacobian(rates, x)[rows, rows]
-
-
-def _own_rates(explicit: ExplicitModel, rows: list[int]) -> ca.Function:
-    """(x, u, v, w, theta, t) -> the rates of the states `rows` and their slopes, each over the state
-    itself."""
-    names = [explicit.rhs.name_in(i) for i in range(explicit.rhs.n_in())]
-    arguments = [ca.MX.sym(name, explicit.rhs.numel_in(i)) for i, name in enumerate(names)]
-    own = ca.MX.sym("own", len(rows))
-    x = ca.MX(arguments[0])
-    x[rows] = own
-    rates = explicit.rhs(x, *arguments[1:])[rows]
-    slopes = ca.gradient(ca.sum1(rates), own)
-    at_own = ca.Function("own", [own, *arguments], [rates, slopes])
-    values: Any = at_own(arguments[0][rows], *arguments)
-    return ca.Function("rates", arguments, list(values))
+    return [x, u, v, w, t], rates[rows], ca.jacobian(rates, x)[rows, rows]
 
 
 def grown_states(

@@ -8,7 +8,7 @@ correlation tells how few of the samples count as independent.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -23,13 +23,14 @@ from daest.diagnosis.unseen import free_runs
 from daest.estimation.identify import identify
 from daest.model.diagnosis import Candidate, InUse, Screen
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.fit import Agreement, FitResult, IdentifyOptions, error_ratios
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.numerics.statistics import autoregression
 from daest.systems.integrate import integrate, integrator
 from daest.systems.integration import IntegrationError
 
 ITERATIONS = 40  # of a search by simulation
+PARTS = ("estimation", "validation")
 START_SHARES = (1.0, 0.1)  # of the sizes by the screen, from which it starts
 
 
@@ -64,6 +65,15 @@ def says_more_in_use(used: InUse, other: InUse) -> bool:
     )
 
 
+def is_far_behind(one: Mapping[str, Agreement], leader: Mapping[str, Agreement]) -> bool:
+    """Whether the simulation of a law is far worse than that of the `leader`, of unseen data and of what it
+    was fitted to."""
+    if not all(part in fit for fit in (one, leader) for part in PARTS):
+        return False
+    ratios = [error_ratios({"validation": leader[part]}, {"validation": one[part]}) for part in PARTS]
+    return all(part and float(np.mean(np.square(part))) > GATES.far_behind_in_use**2 for part in ratios)
+
+
 def open_screen(null: Null, fit: FitResult, candidates: Sequence[Candidate], seed: int) -> Screen | None:
     """The screen of candidates by the errors of the simulation with the parameters of `fit`; None where it
     cannot be made, or the model has no simulation of its own."""
@@ -89,9 +99,12 @@ def fitted_in_use(
     reference: FitResult,
     experiments: Sequence[Experiment],
     validation: Sequence[Experiment],
+    begun: Mapping[str, float] | None = None,
+    iterations: int = ITERATIONS,
 ) -> FitResult | None:
-    """The best simulation of `flat`, a model with a law of the `sizes`, from that of the model without it;
-    None where there is none."""
+    """The best simulation of `flat`, a model with a law of the `sizes`, from that of the model without it,
+    or from the values where it has `begun`; None where there is none. A search of few `iterations` has one
+    start."""
     values = {p.name: p.value for p in flat.parameters}
     times = null.shortest_times
     options = IdentifyOptions(
@@ -99,14 +112,18 @@ def fitted_in_use(
         estimate=tuple(names),
         fix=times,
         hold=null.hold,
-        max_iterations=ITERATIONS,
+        max_iterations=iterations,
         second_look=False,
         shooting=1,
     )
+    near = {name: reference.theta.get(name, values[name]) for name in names}
+    starts = [near | {name: share * values[name] for name in sizes} for share in START_SHARES]
+    if iterations < ITERATIONS:
+        starts = starts[:1]
+    if begun:
+        starts = [near | dict(begun)]
     ends = []
-    for share in START_SHARES:
-        start = {name: reference.theta.get(name, values[name]) for name in names}
-        start |= {name: share * values[name] for name in sizes}
+    for start in starts:
         with suppress(*FAILURES):
             ends.append(identify(flat, experiments, replace(options, start=start), validation))
     return max(ends, key=lambda end: end.log_likelihood, default=None)

@@ -174,7 +174,8 @@ class Prepared:
     null's. One that `has_loop` is solved by iterations at every point, and takes longest. A refit below the
     log-likelihood `useless` says less than one of the same law that is known: it is not judged further. One
     that says less than the accepted `simpler` law, which it contains and was started from, is judged in
-    brief. One that is `by_shooting` starts from a simulation by multiple shooting."""
+    brief. One that is `by_shooting` starts from a simulation by multiple shooting. `simulated` is the
+    log-likelihood of the simulation that its values are from, if they are."""
 
     trial: Trial
     flat: FlatModel
@@ -185,6 +186,7 @@ class Prepared:
     useless: float = -np.inf
     simpler: Proof | None = None
     by_shooting: bool = False
+    simulated: float = -np.inf
 
 
 def prepare(

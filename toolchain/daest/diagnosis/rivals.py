@@ -17,6 +17,7 @@ from itertools import chain
 import numpy as np
 
 from daest.diagnosis.candidates import with_shapes
+from daest.diagnosis.dead_times import DELAY, SHIFTS, best_shift
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, period_of
 from daest.diagnosis.proof import SHARPER, Prepared, Trial, bic_gain
@@ -51,20 +52,22 @@ RTOL = 1e-4
 @dataclass(frozen=True)
 class _Effort:
     """Of a search from several starts: `iterations` from each, then to the end from the `most` best of those
-    that have gained `least_gain` in log-likelihood."""
+    that have gained `least_gain` in log-likelihood. Of more than `followed` starts, those that are best after
+    a single iteration."""
 
     iterations: int
     most: int
     least_gain: float
+    followed: int = 100
 
 
 DYNAMIC = _Effort(iterations=4, most=1, least_gain=1.0)
 STORAGE = _Effort(iterations=1, most=2, least_gain=-np.inf)
-BENT = _Effort(iterations=5, most=1, least_gain=0.0)  # a model that bends, whose runs take longer
+BENT = _Effort(iterations=5, most=1, least_gain=0.0, followed=3)  # a model that bends, whose runs take longer
 
 Simulation = tuple[float, dict[str, float]]  # log-likelihood and all parameters of a fit by simulation
 Fit = Callable[[IdentifyOptions, float], Simulation]  # from the least log-likelihood that is of use
-DynamicFits = list[tuple[float, Prepared]]  # log-likelihoods of simulations with the effects
+DynamicFits = Sequence[tuple[float, Prepared]]  # log-likelihoods of simulations with the effects
 
 
 def dynamic_trials(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
@@ -98,12 +101,24 @@ def storage_fits(
     return _improving(fits, simulation)
 
 
-def bent_fits(null: Null, found: Screen, wanted: Sequence[Candidate], nominal: FitResult) -> DynamicFits:
+def bent_fits(
+    null: Null,
+    found: Screen,
+    wanted: Sequence[Candidate],
+    nominal: FitResult,
+    lags: DynamicFits = (),
+) -> DynamicFits:
     """Output-error fits of those of the wanted effects with states that improve the simulation of a model
     that is not affine, started from the `nominal` one (`nominal_simulation`), delays from multiples of the
-    sampling period: as many fits of a model that bends as for an affine one would take too long."""
+    sampling period: as many fits of a model that bends as for an affine one would take too long. Where
+    `lags` were found at the same signal, a dead time starts from the shift of the recordings that fits best
+    beside one, and is not fitted where that comes nowhere near to it."""
     simulation, fits = (nominal.log_likelihood, nominal.theta), []
     for candidate in wanted:
+        lag = _lag_at(candidate, lags)
+        if candidate.effect.class_name == DELAY and lag is not None:
+            fits.append(_dead_time(null, candidate, nominal, lag))
+            continue
         if candidate.is_of_signal:
             starts = _from_period(null, candidate, BENT_LAGS)
         else:
@@ -117,6 +132,31 @@ def _from_period(null: Null, candidate: Candidate, shares: Sequence[float]) -> l
     chose the sampling period did."""
     own = candidate.effect.sizes[0].name
     return [{own: share * period_of(null.experiments)} for share in shares]
+
+
+def _lag_at(candidate: Candidate, lags: DynamicFits) -> tuple[float, Prepared] | None:
+    """The likeliest of the `lags` at the signal of a candidate."""
+    there = [pair for pair in lags if pair[1].trial.candidate.site == candidate.site]
+    return max(there, key=lambda pair: pair[0], default=None)
+
+
+def _dead_time(
+    null: Null, candidate: Candidate, nominal: FitResult, lag: tuple[float, Prepared]
+) -> tuple[float, Prepared] | None:
+    """The output-error fit of a dead time, from the best shift of the recordings near to the time constant of
+    the `lag`; None where a shift gains much less than that does."""
+    value, prepared = lag
+    values = {p.name: p.value for p in prepared.flat.parameters}
+    own = prepared.trial.candidate
+    T = values[f"{own.name}.{own.effect.sizes[0].name}"]
+    start = {name: nominal.theta[name] for name in null.estimated}
+    options = replace(_options(null, null.estimated), start=start, rtol=RTOL)
+    shift = best_shift(null, candidate.site, [share * T for share in SHIFTS], options)
+    before = nominal.log_likelihood
+    if shift is None or shift.log_likelihood - before < GATES.min_shift_gain * (value - before):
+        return None
+    size = {candidate.effect.sizes[0].name: shift.delay}
+    return _best_fit(null, candidate, [size], (before, {**nominal.theta, **shift.theta}), BENT)
 
 
 def _from_library(candidate: Candidate) -> list[dict[str, float]]:
@@ -151,7 +191,7 @@ def _improving(fits: Sequence[tuple[float, Prepared] | None], simulation: Simula
 def best_dynamic(null: Null, parts: Sequence[DynamicFits]) -> tuple[Prepared, ...]:
     """The best of all parts of `dynamic_fits` by the criterion of Bayes, each law with the places where it
     does the same."""
-    found: DynamicFits = []
+    found: list[tuple[float, Prepared]] = []
     for best in chain.from_iterable(parts):
         same = next((i for i, (value, p) in enumerate(found) if _is_same(value, p, best)), None)
         if same is None:
@@ -184,16 +224,25 @@ def _best_fit(
         return None
     flat, fitted = model
     names = (*null.estimated, *candidate.estimated)
-    (nominal, known), options, first = simulation, _options(null, names), []
+    (nominal, known), options = simulation, _options(null, names)
     least = nominal + GATES.min_dynamic_gain
-    for values in starts:
+
+    def followed(begun: Sequence[Mapping[str, float]], iterations: int) -> list[Simulation]:
+        found = []
+        for start in begun:
+            with suppress(*FAILURES):
+                found.append(fitted(replace(options, start=start, max_iterations=iterations), least))
+        return sorted(found, key=_likelihood, reverse=True)
+
+    def begun_at(values: Mapping[str, float]) -> dict[str, float]:
         own = {f"{candidate.name}.{name}": value for name, value in values.items()}
         start = {name: known[name] for name in null.estimated}
-        start |= {name: value for name, value in own.items() if name in names}
-        with suppress(*FAILURES):
-            quick = replace(options, start=start, max_iterations=effort.iterations)
-            first.append(fitted(quick, least))
-    first.sort(key=_likelihood, reverse=True)
+        return start | {name: value for name, value in own.items() if name in names}
+
+    begun = [begun_at(values) for values in starts]
+    if len(begun) > effort.followed:
+        begun = [{name: theta[name] for name in names} for _, theta in followed(begun, 1)[: effort.followed]]
+    first = followed(begun, effort.iterations)
     pursued = [fit for fit in first[: effort.most] if fit[0] - nominal >= effort.least_gain]
     ends = list(pursued)
     for _, theta in pursued:
@@ -205,7 +254,7 @@ def _best_fit(
     value, theta = max(ends, key=_likelihood)
     sizes = tuple(theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
     trial = Trial(candidate, sizes, (), is_seen_in_use=True)
-    return value, Prepared(trial, flat.with_theta(theta), names)
+    return value, Prepared(trial, flat.with_theta(theta), names, simulated=value)
 
 
 def _model_with(
@@ -226,7 +275,7 @@ def _model_with(
 def _bent_fit(
     flat: FlatModel, experiments: Sequence[Experiment], options: IdentifyOptions, _least: float
 ) -> Simulation:
-    fit = identify(flat, experiments, options)
+    fit = identify(flat, experiments, replace(options, rtol=RTOL))
     return fit.log_likelihood, fit.theta
 
 

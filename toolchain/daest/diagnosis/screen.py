@@ -14,7 +14,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, pairwise
-from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -33,6 +32,7 @@ from daest.model.diagnosis import Candidate, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel
 from daest.modelica.attach import components_with
+from daest.numerics.evaluator import along
 from daest.numerics.statistics import autoregression, chi2, norm
 from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, integrator, interval_inputs
 from daest.systems.integration import IntegrationError
@@ -45,8 +45,6 @@ RTOL = 1e-4  # of a run of an observer: that of the refits, ...
 ATOL_OF_SCALE = 0.1  # ... with their absolute tolerance where the sizes of the states are known
 ALONE = "has states that do not follow the model alone"  # why an effect is skipped
 HALVINGS = 8  # of a gain with which the observer runs away
-# Samples at a time: the pattern of a function mapped over all of them takes longer than its values.
-PIECE = 500
 AT_HAND = 1 << 20  # numbers (8 MiB) of the responses that are made at a time
 
 
@@ -457,7 +455,8 @@ def innovation_responses(
 
 
 def _drive_functions(explicit: ExplicitModel, names: Sequence[str]) -> tuple[ca.Function, ca.Function]:
-    """(x, u, v, theta, t) -> ∂f/∂sizes (n, k), and ∂h/∂sizes (n_y, k), both sparse."""
+    """(x, u, v, t) -> ∂f/∂sizes (n, k), and ∂h/∂sizes (n_y, k), both sparse, at the parameters of the model:
+    most of what effects of size zero would do to each other is nothing then."""
     known = {p.name: i for i, p in enumerate(explicit.flat.parameters)}
     sizes = [known[name] for name in names]
     n_x, n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in range(5))
@@ -471,8 +470,9 @@ def _drive_functions(explicit: ExplicitModel, names: Sequence[str]) -> tuple[ca.
 
     def slopes(law: ca.SX) -> ca.Function:
         at_null = ca.Function("slopes", [x, u, v, theta, t, chosen], [ca.jacobian(law, chosen)])
-        values = at_null.call([x, u, v, theta, t, theta[sizes]], True, False)
-        return ca.Function("drives", [x, u, v, theta, t], values)
+        now = ca.SX(explicit.flat.theta_values)
+        values = at_null.call([x, u, v, now, t, now[sizes]], True, False)
+        return ca.Function("drives", [x, u, v, t], [ca.sparsify(part) for part in values])
 
     return slopes(f), slopes(h)
 
@@ -497,7 +497,7 @@ def _driven_inputs(
 
 @dataclass(frozen=True)
 class _Drives:
-    """Values (n_nonzeros, n_samples) of a drive function along a recording, and for each its row among the
+    """Values (n_samples, n_nonzeros) of a drive function along a recording, and for each its row among the
     rates or outputs and its column among the k sizes."""
 
     values: np.ndarray
@@ -507,12 +507,12 @@ class _Drives:
     def of(self, sizes: range, samples: slice, turned: np.ndarray) -> np.ndarray:
         """The drives (len(sizes), n_samples, n) of some sizes at some samples, as rows times `turned`
         (n_rows, n)."""
-        values = self.values[:, samples]
-        found = np.zeros((len(sizes), values.shape[1], turned.shape[1]))
+        values = self.values[samples]
+        found = np.zeros((len(sizes), values.shape[0], turned.shape[1]))
         for place in range(*np.searchsorted(self.columns, [sizes.start, sizes.stop])):
-            row = turned[self.rows[place]]
+            row, course = turned[self.rows[place]], values[:, place].copy()
             for target in np.flatnonzero(row):
-                found[self.columns[place] - sizes.start, :, target] += row[target] * values[place]
+                found[self.columns[place] - sizes.start, :, target] += row[target] * course
         return found
 
 
@@ -524,36 +524,15 @@ def _drives(
     inputs: tuple[np.ndarray, np.ndarray],
 ) -> _Drives:
     """A drive function along the states (n_samples, n) of `explicit`."""
-    n_samples = time.size
-    theta = np.tile(explicit.flat.theta_values, (n_samples, 1))
-    columns = (states, inputs[0].T, inputs[1].T, theta, time)
-    arguments = [np.ascontiguousarray(column, dtype=float) for column in columns]
     pattern = drives.sparsity_out(0)
-    values = np.empty((n_samples, pattern.nnz()))
-    for piece, several in _pieces(drives, n_samples if values.size else 0):
-        _evaluate(several, [argument[piece] for argument in arguments], values[piece])
+    values = np.zeros((time.size, 0))
+    if pattern.nnz():
+        columns = [states, inputs[0].T, inputs[1].T, time[:, None]]
+        values = along(drives, columns)[0]
+    if not np.isfinite(np.sum(values)):
+        np.nan_to_num(values, copy=False)
     rows, places = (np.array(part, dtype=int) for part in pattern.get_triplet())
-    return _Drives(np.ascontiguousarray(np.nan_to_num(values, copy=False).T), rows, places)
-
-
-def _pieces(function: ca.Function, n_samples: int) -> Iterator[tuple[slice, ca.Function]]:
-    """Samples, and the function mapped over as many."""
-    whole, rest = divmod(n_samples, PIECE)
-    several = function.map(PIECE)
-    for i in range(whole):
-        yield slice(i * PIECE, (i + 1) * PIECE), several
-    if rest:
-        yield slice(whole * PIECE, n_samples), function.map(rest)
-
-
-def _evaluate(function: ca.Function, arguments: Sequence[np.ndarray], values: np.ndarray) -> None:
-    """The non-zeros of a mapped function into `values`, without CasADi's detour through a list of numbers."""
-    buffer, evaluate = cast(Any, function).buffer()
-    for i, argument in enumerate(arguments):
-        if argument.size:
-            buffer.set_arg(i, argument.data)
-    buffer.set_res(0, values.data)
-    evaluate()
+    return _Drives(values, rows, places)
 
 
 def scored(

@@ -35,6 +35,7 @@ from daest.estimation.nonlinear_start import (
     unscaled_start,
     with_hold,
     with_other_hold,
+    with_outgrown_scales,
 )
 from daest.estimation.observer import AverageModel
 from daest.estimation.optimum import best_point
@@ -50,6 +51,7 @@ from daest.model.flat import Dynamics
 from daest.model.holds import Hold
 from daest.systems.input_slopes import acting_slopes
 from daest.systems.integrate import integrator
+from daest.systems.tolerances import SOLVER
 
 # Of the integration in a search that starts warm. With dry friction in a servo a prediction is then off by at
 # most 1e-3 of its innovation and the log-likelihood by 0.01, in two thirds of the steps that the tolerance of
@@ -123,6 +125,7 @@ def _problem(explicit: Dynamics, setup: Setup) -> TrajectoryProblem:
         setup.unknowns,
         np.ones(explicit.n_states),
         setup.given_std,
+        rtol=setup.options.rtol or SOLVER.search_rtol,
     )
 
 
@@ -211,7 +214,9 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
     for number in range(WARM_ROUNDS):
         average = average_along(best.problem, best.found.z)
         levels = (best.levels or warm.levels) if number else _rescanned(setup, best, warm)
-        end = _together(setup, problem, best.found.z, levels, average, options.max_iterations, FIT.warm_gain)
+        grown, start = with_outgrown_scales(best.problem, best.found.z)
+        problem = replace(problem, state_scale=grown.state_scale)
+        end = _together(setup, problem, start, levels, average, options.max_iterations, FIT.warm_gain)
         gain = -np.inf if end is None else best.found.evaluation.value - end.found.evaluation.value
         if end is None or gain < 0.0:
             break

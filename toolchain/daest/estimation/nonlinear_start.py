@@ -104,6 +104,26 @@ def scaled(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem
     return replace(problem, state_scale=scale), np.concatenate([z[:n], x0.ravel()])
 
 
+def with_outgrown_scales(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem, np.ndarray]:
+    """The problem with larger scales of the states that have far outgrown theirs along its runs at z, and z
+    in them.
+
+    A scale is read off one simulation, in which an effect may do next to nothing. A step moves no unknown by
+    more than a few scales, so that an initial value of hundreds of them holds up the whole search. Shapes: z
+    (n_z,)."""
+    n = len(problem.unknowns.coordinates)
+    errors = prediction_errors(problem, z)
+    if errors is None:
+        return problem, z
+    size = np.max([np.max(np.abs(t.states), axis=0) for t in errors.trajectories], axis=0)
+    outgrown = np.isfinite(size) & (size > FIT.outgrown_scale * problem.state_scale)
+    if not np.any(outgrown):
+        return problem, z
+    scale = np.where(outgrown, size, problem.state_scale)
+    x0 = problem.initial_states(z) / scale
+    return replace(problem, state_scale=scale), np.concatenate([z[:n], x0.ravel()])
+
+
 def _scale_by_outputs(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
     """The initial value of each state that moves the outputs by as much as is left of them, on average over a
     record; 1 for a state that moves none. Shapes: z (n_z,) unscaled; the scales (n_states,)."""

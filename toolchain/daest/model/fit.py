@@ -45,6 +45,8 @@ class IdentifyOptions:
     is held in it.
     `shooting` cuts every record of a nonlinear model into that many segments with initial states of their own
     (multiple shooting); None does so for an output-error search that fails over the whole records, 1 never.
+    `rtol` is the tolerance of the integration of a nonlinear model (None: that of searches), looser where the
+    fit is only to begin another one.
     """
 
     method: Method | None = None
@@ -66,6 +68,7 @@ class IdentifyOptions:
     shooting: int | None = None
     jobs: int = 1
     cluster: str | None = None
+    rtol: float | None = None
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@ matrices in between, which cost more than the evaluation of a small model."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -36,3 +37,36 @@ class Evaluator:
         if self._buffer.ret():
             raise RuntimeError(f"{self.function.name()} failed")
         return [result.copy() for result in self._results]
+
+
+def along(function: ca.Function, arguments: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The non-zeros (n_samples, nnz) of every result of a function, in the order of its sparsity, at the rows
+    of its arguments (n_samples, n); one of a single dimension (n,) is the same at all samples.
+
+    Sample by sample into one place: a function mapped over samples takes longer to make than its values, and
+    wants hundreds of parameters once for every sample.
+    """
+    buffer, run = cast(Any, function).buffer()
+    n_samples = next(len(argument) for argument in arguments if argument.ndim == 2)
+    here = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
+    moving = []
+    for i, (place, argument) in enumerate(zip(here, arguments, strict=True)):
+        if not place.size:
+            continue
+        buffer.set_arg(i, memoryview(place.data))
+        if argument.ndim == 2:
+            moving.append((place, argument))
+        else:
+            place[:] = argument
+    values = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
+    results = [np.zeros((n_samples, value.size)) for value in values]
+    for i, value in enumerate(values):
+        if value.size:
+            buffer.set_res(i, memoryview(value.data))
+    for k in range(n_samples):
+        for place, argument in moving:
+            place[:] = argument[k]
+        run()
+        for value, result in zip(values, results, strict=True):
+            result[k] = value
+    return results

@@ -1,0 +1,76 @@
+"""Dead times found by shifts of a recording. Simulated by LSODA."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from test_bent_models import ARM
+
+from daest.diagnosis.dead_times import best_shift, shifted_back
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.loads import load_sites
+from daest.diagnosis.null import fit_null
+from daest.diagnosis.options import DiagnoseOptions
+from daest.model.effects import Site
+from daest.model.experiment import Experiment
+from daest.model.fit import IdentifyOptions
+from daest.modelica.compile import compile_text
+from daest.modelica.effects import effect_library
+from daest.modelica.sites import sites
+
+PERIOD, TRUE = 0.04, {"k": 0.8, "d": 0.3}
+
+
+def recorded(dead_input: float = 0.0, dead_output: float = 0.0, n: int = 700) -> Experiment:
+    """A pendulum, its voltage or its angle late [s]."""
+    rng = np.random.default_rng(3)
+    voltage = np.repeat(rng.uniform(-3.5, 3.5, n // 25), 25)
+    time = PERIOD * np.arange(n)
+
+    def rates(t: float, z: np.ndarray) -> list[float]:
+        late = int((t - dead_input) / PERIOD + 1e-9)
+        return [z[1], (TRUE["k"] * voltage[max(late, 0)] - TRUE["d"] * z[1] - 4.0 * np.sin(z[0])) / 0.1]
+
+    run = solve_ivp(rates, (0.0, time[-1]), [0.0, 0.0], "LSODA", time, max_step=PERIOD / 2, rtol=1e-8)
+    angle = np.interp(time - dead_output, time, run.y[0]) + rng.normal(0.0, 2e-3, n)
+    return Experiment("run", time, voltage[:, None], angle[:, None], ("u",), ("y",))
+
+
+def signal(name: str) -> Site:
+    return next(s for s in sites(compile_text(ARM, Path("Arm.mo"))) if s.name == name and s.kind != "node")
+
+
+def test_shift_is_that_of_one_signal():
+    record = recorded(n=100)
+    by_input = shifted_back(record, signal("u"), 2 * PERIOD)
+    assert np.array_equal(by_input.outputs, record.outputs)
+    np.testing.assert_allclose(by_input.inputs[2:], record.inputs[:-2])
+    by_output = shifted_back(record, signal("y"), 3 * PERIOD)
+    assert np.array_equal(by_output.inputs, record.inputs)
+    np.testing.assert_allclose(by_output.outputs[:-3], record.outputs[3:])
+    assert np.all(np.isnan(by_output.outputs[-2:]))
+
+
+@pytest.mark.parametrize(("name", "dead"), [("u", {"dead_input": 0.16}), ("y", {"dead_output": 0.16})])
+def test_likeliest_shift_is_the_dead_time(name, dead):
+    flat, record = compile_text(ARM, Path("Arm.mo")), recorded(**dead)
+    null = fit_null(flat, load_sites(flat), [record], "zoh")
+    options = IdentifyOptions(
+        method="oe", estimate=("k", "d"), fix=null.shortest_times, hold="zoh", shooting=1
+    )
+    found = best_shift(null, signal(name), [0.08, 0.12, 0.16, 0.2, 0.24], options)
+    assert found is not None and found.delay == 0.16
+    assert found.theta["k"] == pytest.approx(TRUE["k"], rel=0.03)
+    assert found.theta["d"] == pytest.approx(TRUE["d"], rel=0.1)
+
+
+@pytest.mark.slow
+def test_dead_time_beside_a_pendulum() -> None:
+    flat = compile_text(ARM, Path("Arm.mo"))
+    options = DiagnoseOptions(effects=("Lag", "Delay", "CoulombFriction"), hold="zoh")
+    found = diagnose(flat, effect_library(), [recorded(dead_input=0.16, n=1400)], (), options)
+    named = {
+        (p.candidate.effect.name, p.candidate.site.name) for p in found.proofs if p.verdict != "rejected"
+    }
+    assert ("Delay", "u") in named, found.message

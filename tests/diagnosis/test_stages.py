@@ -1,0 +1,63 @@
+"""The order in which candidates are refitted."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from daest.diagnosis import diagnose as diagnosis_module
+from daest.diagnosis.diagnose import _by_states, _Stages
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.proof import Prepared
+
+
+def prepared(n_states: int = 0, simulated: float = -np.inf, site: str = "u", is_dynamic: bool = False) -> Any:
+    effect = SimpleNamespace(n_states=n_states)
+    candidate = SimpleNamespace(
+        effect=effect, site=site, is_dynamic=is_dynamic, inputs=(), is_of_signal=True, label=f"{n_states}"
+    )
+    trial = SimpleNamespace(candidate=candidate)
+    return replace(Prepared(cast(Any, trial), cast(Any, None), ()), simulated=simulated)
+
+
+def stages(simulation: tuple[float, dict[str, float]]) -> _Stages:
+    experiments = (SimpleNamespace(outputs=np.zeros((1000, 1))),)
+    search = SimpleNamespace(stand=SimpleNamespace(null=SimpleNamespace(experiments=experiments)))
+    found = _Stages(cast(Any, search), cast(Any, None), cast(Any, None), cast(Any, None))
+    found.__dict__["simulation"] = simulation
+    return found
+
+
+def test_laws_with_states_come_second() -> None:
+    slow, quick, other = prepared(2), prepared(), prepared(1)
+    assert _by_states([slow, quick, other]) == ([quick], [slow, other])
+    assert _by_states([slow, other]) == ([slow], [other])
+    assert _by_states([]) == ([], [])
+
+
+def test_effect_that_leaves_little_of_the_simulation_leads() -> None:
+    # Errors that are a third of what they were gain n log(3).
+    third, most = prepared(simulated=-5000.0 + 1000 * np.log(3.0)), prepared(simulated=-4990.0)
+    assert np.log(3.0) > -np.log(GATES.max_leading_ratio)
+    assert stages((-5000.0, {})).by_what_they_simulate([most, third]) == ([third], [most])
+
+
+def test_dead_times_are_fitted_where_a_lag_shows_itself(monkeypatch: Any) -> None:
+    lags = [prepared(1, site=site, is_dynamic=True) for site in ("u", "y")]
+    delays = [prepared(10, site=site, is_dynamic=True) for site in ("u", "y")]
+    wanted = [one.trial.candidate for one in (*delays, *lags)]
+    fitted: list[str] = []
+
+    def fits(_null: Any, part: Any, _simulation: Any) -> list[tuple[float, Any]]:
+        fitted.extend(f"{c.label} at {c.site}" for c in part)
+        return [(0.0, one) for one in lags if one.trial.candidate in part and one.trial.candidate.site == "u"]
+
+    def proved(_self: Any, _stage: Any, _before: Any, tasks: Any) -> Any:
+        return [], [task() for task in tasks]
+
+    monkeypatch.setattr(diagnosis_module, "_dynamic", fits)
+    monkeypatch.setattr(_Stages, "proved", proved)
+    found = stages((0.0, {})).dynamic(wanted)
+    assert fitted == ["1 at u", "1 at y", "10 at u"]
+    assert [one for part in found if part for _, one in part] == [lags[0]]
