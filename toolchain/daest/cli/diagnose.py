@@ -58,6 +58,12 @@ class Search:
     seed: int = 0
 
 
+# Samples for estimation up to which recordings are diagnosed again as they are.
+MOST_AS_RECORDED = 50_000
+AS_RECORDED = (
+    "errors that stay correlated in time may come from the coarser period: diagnosed at the recordings' own"
+)
+
 search_options = gathered(
     "search",
     Search,
@@ -85,7 +91,8 @@ search_options = gathered(
 
 @dataclass(frozen=True)
 class Case:
-    """A model with its recordings, and what it is searched for."""
+    """A model with its recordings, and what it is searched for. `as_recorded` is the same with the recordings
+    at their own period, where these are coarser."""
 
     project: Project
     source: Path
@@ -98,6 +105,7 @@ class Case:
     options: DiagnoseOptions
     recordings: tuple[Path, ...] = ()
     remarks: tuple[str, ...] = ()  # on the earlier fit that is held against the data, and on the data
+    as_recorded: Case | None = None
 
 
 @click.command("diagnose", epilog=example("daest diagnose Servo.mo run1.csv --split 0.5 --fix R=4.6"))
@@ -138,7 +146,7 @@ def command(
         is_extended=False,
         parameters=parameters,
     )
-    diagnosis = diagnosed(case)
+    case, diagnosis = diagnosed(case)
     document = written_document(case, diagnosis)
     with telling(lambda: emit(document, "diagnose", form, output, texts.text)):
         keep_diagnosis(project, document, origin(case))
@@ -190,6 +198,7 @@ def opened(
     library = effect_library(folders)
     if loaded.has_equations:
         clipped = clips_of(estimation)
+        recorded = (estimation, validation)
         drive = _sufficient(flat, estimation, validation, project, data_choice)
         estimation, validation = drive.estimation, drive.validation
         fit = _earlier_fit(project, source, loaded, estimation)
@@ -199,25 +208,42 @@ def opened(
         binary = b""
     else:
         names, hold = _named_effects(search, folders), data_choice.known_hold(project, flat)
-        options, remarks = _engine_options(search, names, search.places, hold), ()
+        options, remarks, recorded = _engine_options(search, names, search.places, hold), (), None
         binary = source.read_bytes()
-    decisive = (
-        options.effects, options.places, options.hold, options.seed, binary, library_digest(folders)
-    )  # fmt: skip
-    run = run_digest(flat, estimation, validation, decisive)
-    return Case(
-        project,
-        source,
-        chosen_class(project, source, model_options.class_name),
-        folders,
-        flat,
-        estimation,
-        validation,
-        library,
-        replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file)),
-        tuple(training_files(project, data)),
-        remarks,
-    )
+
+    def case_of(
+        estimation: list[Experiment],
+        validation: list[Experiment],
+        options: DiagnoseOptions,
+        remarks: tuple[str, ...],
+    ) -> Case:
+        decisive = (
+            options.effects, options.places, options.hold, options.seed, binary, library_digest(folders)
+        )  # fmt: skip
+        run = run_digest(flat, estimation, validation, decisive)
+        return Case(
+            project,
+            source,
+            chosen_class(project, source, model_options.class_name),
+            folders,
+            flat,
+            estimation,
+            validation,
+            library,
+            replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file)),
+            tuple(training_files(project, data)),
+            remarks,
+        )
+
+    case = case_of(estimation, validation, options, remarks)
+    if recorded is None or recorded[0] is estimation or _n_samples(recorded[0]) > MOST_AS_RECORDED:
+        return case
+    known = replace(options, hold=data_choice.known_hold(project, flat), held=None)
+    return replace(case, as_recorded=case_of(*recorded, known, (*remarks, AS_RECORDED)))
+
+
+def _n_samples(experiments: Sequence[Experiment]) -> int:
+    return sum(e.n_samples for e in experiments)
 
 
 def _straight(flat: Model, hold: Hold | None) -> tuple[str, ...]:
@@ -407,14 +433,24 @@ def _recordings(names: Iterable[str]) -> set[str]:
     return {name.removesuffix(" (estimation)") for name in names}
 
 
-def diagnosed(case: Case) -> Diagnosis:
-    """The diagnosis. Raises what the engine raises, and EstimationError `diagnose-unseen`."""
+def diagnosed(case: Case) -> tuple[Case, Diagnosis]:
+    """The diagnosis, and the case that it is of: where nothing but a correlation of the errors in time speaks
+    for a missing effect, and the filter of coarser recordings may have made that, the one at the period of
+    the recordings, if it says more. Raises what the engine raises, and EstimationError `diagnose-unseen`."""
     from daest.diagnosis.diagnose import diagnose
 
+    def found_in(case: Case) -> Diagnosis:
+        return diagnose(case.flat, case.library, case.estimation, case.validation, case.options, show)
+
     with progress() as show:
-        found = diagnose(case.flat, case.library, case.estimation, case.validation, case.options, show)
+        found = found_in(case)
+        if found.is_by_colour and case.as_recorded is not None:
+            note(AS_RECORDED)
+            again = found_in(case.as_recorded)
+            if not again.is_by_colour:
+                case, found = case.as_recorded, again
     _require_seen(case, found)
-    return found
+    return case, found
 
 
 def _require_seen(case: Case, found: Diagnosis) -> None:

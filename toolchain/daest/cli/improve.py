@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from daest.cli.diagnose import search_options
+from daest.cli.diagnose import AS_RECORDED, search_options
 from daest.cli.given import Files, ParameterOptions, files, parameter_options
 from daest.cli.options import (
     DataOptions,
@@ -136,15 +136,20 @@ def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any
 
     flat = with_equations(case.flat, "an extended model")
     with progress() as show:
-        found = improve(
-            flat,
-            case.library,
-            case.estimation,
-            case.validation,
-            case.options,
-            most_effects,
-            show,
-        )
+
+        def found_in(case: Case) -> Improvement:
+            return improve(
+                flat, case.library, case.estimation, case.validation, case.options, most_effects, show
+            )
+
+        found = found_in(case)
+        if found.last.is_by_colour and len(found.steps) == 1 and case.as_recorded is not None:
+            note(AS_RECORDED)
+            limited = replace(case.as_recorded.options, time_limit=case.options.time_limit)
+            finer = replace(case.as_recorded, options=limited)
+            again = found_in(finer)
+            if not again.last.is_by_colour or len(again.steps) > 1:
+                case, found = finer, again
         show("writing the models")
         with passing_folder("daest-") as passing:
             models, names = written_steps(case.source, case.class_name, found, passing, case.folders)

@@ -565,6 +565,7 @@ def _examined(
         learned=learned if decided.name == "unknown effect" else None,
         is_held=not null.estimated,
         is_whole=is_whole,
+        is_by_colour=decided.is_by_colour,
     )
 
 

@@ -84,10 +84,13 @@ class Loads:
 
 @dataclass(frozen=True)
 class Decided:
+    """`is_by_colour`: that prediction errors are correlated in time is all that the verdict rests on."""
+
     name: VerdictName
     message: str
     next_experiment: str = ""
     proofs: tuple[Proof, ...] = ()
+    is_by_colour: bool = False
 
 
 def decide(evidence: Evidence) -> Decided:
@@ -196,6 +199,7 @@ def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
             "Something dynamic is missing: the prediction errors stay correlated in time although loads "
             f"were admitted at {_load_places(loads)}, and no effect of the library explains them.",
             WIDER_BAND,
+            is_by_colour=True,
         )
     near = [p for p in evidence.proofs if p.delta_bic > GATES.min_told_bic_gain]
     if evidence.screen.p_value < GATES.missing_level and near:

@@ -314,7 +314,8 @@ class PlaceGain:
 @dataclass(frozen=True)
 class Diagnosis(Framed):
     """The result of `diagnose`. `has_loads`: the model as it is was fitted together with unknown loads;
-    `is_held`: its parameters were not estimated beside them; `is_whole`: the time sufficed for all refits."""
+    `is_held`: its parameters were not estimated beside them; `is_whole`: the time sufficed for all refits;
+    `is_by_colour`: that prediction errors are correlated in time is all that the verdict rests on."""
 
     verdict: VerdictName
     message: str
@@ -331,6 +332,7 @@ class Diagnosis(Framed):
     has_loads: bool = True
     is_held: bool = False
     is_whole: bool = True
+    is_by_colour: bool = False
 
     def tables(self) -> tuple[Listing, ...]:
         columns = ("effect", "at", "verdict", "delta_bic", "p_value")
