@@ -1,6 +1,8 @@
 """Storage behind what is measured: a wall behind a room, the polarisation of a battery, a load that swings.
 Simulated by matrix exponentials."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -64,6 +66,9 @@ equation
   speed = body.v;
 end Trolley;
 """
+
+
+ONE_MASS = ("FlexibleAppendage",)
 
 
 def recorded(A, B, C, D, offset, levels, dt, hold_for, noise, shaken, names) -> Experiment:
@@ -141,3 +146,15 @@ def test_load_that_swings_on_a_trolley(tmp_path) -> None:
     for name, true in (("m", m2), ("T", T), ("zeta", zeta)):
         own = next(p for p in best.told.parameters if p.name == f"{best.candidate.name}.{name}")
         assert abs(own.value - true) < 4.0 * own.std_error
+
+
+def test_sine_from_elsewhere_is_no_mass_that_rings(tmp_path) -> None:
+    """A mass of nothing that rings without damping from the first sample on may be any sine."""
+    m, d, T = 6.0, 4.0, 1.6
+    names = (("force",), ("speed",))
+    A, B, output = np.array([[-d / m]]), np.array([[1.0 / m]]), np.array([1.0])
+    shaken = np.array([1e-3])
+    record = recorded(A, B, output, 0.0, 0.0, [-5.0, 5.0], 0.05, 12, 0.01, shaken, names)
+    sine = 0.05 * np.sin(2.0 * np.pi * record.time / T)
+    diagnosis = found(tmp_path, TROLLEY, replace(record, outputs=record.outputs + sine[:, None]), ONE_MASS)
+    assert diagnosis.verdict != "supported", diagnosis.message

@@ -360,6 +360,22 @@ def test_ranking():
     assert ranked([]) == ()
 
 
+@pytest.mark.parametrize(("behind", "is_rival"), [(4.5, True), (5.5, False)])
+def test_another_law_that_foresees_unseen_data_as_well_is_a_rival_until_it_is_far_less_likely(
+    behind, is_rival
+):
+    """BIC gains that differ by less than 10 are no very strong evidence (Kass and Raftery 1995)."""
+    _, proof = proved()
+    other = replace(
+        proof,
+        candidate=replace(proof.candidate, effect=replace(proof.candidate.effect, class_name="Other")),
+        flat=proof.flat,
+        delta_log_likelihood=proof.delta_log_likelihood - behind,
+        delta_bic=proof.delta_bic - 2.0 * behind,
+    )
+    assert ranked([other, proof])[0].verdict == ("not separable" if is_rival else "supported")
+
+
 @pytest.mark.parametrize(
     ("behind", "moved", "is_one"), [(0.5, 0.5, True), (0.5, 2.0, False), (3.5, 0.0, False)]
 )

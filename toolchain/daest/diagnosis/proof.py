@@ -34,6 +34,7 @@ from daest.diagnosis.unseen import (
     innovations,
     is_worse,
     judged,
+    misfit,
     steady_misfit,
 )
 from daest.errors import DaestError
@@ -44,6 +45,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter, error_ratios
 from daest.model.flat import ExplicitModel, FlatModel, with_equations
 from daest.modelica.attach import attach
+from daest.modelica.balances import needs_position
 from daest.modelica.place_units import units_at
 from daest.numerics.statistics import chi2
 from daest.quantities import spoken_duration
@@ -385,7 +387,8 @@ def proof_of(
             unseen_form = formless or _out_of_reach(with_effect, prepared.trial.candidate, final or fit)
         reason = against or undetermined or unseen_form
         reason = reason or _weak(prepared, final if is_shown and final else fit)
-        reason = reason or _undriven(grown(fed, prepared.flat, explicit, final or fit, experiments))
+        alone = grown(fed, prepared.flat, explicit, final or fit, experiments)
+        reason = reason or _undriven(alone) or _of_its_start(null, alone, prepared.trial.candidate, reference)
         if not reason and not is_curve and not is_told and not is_shown:
             reason = _unexplained(explained, ratios)
     elif final is None:
@@ -435,6 +438,28 @@ def _undriven(model: Null) -> str:
     if share is None or share >= GATES.min_driven:
         return ""
     return f"the recorded inputs move the model by {share:.1%} of what its outputs do: no size can be told"
+
+
+def _of_its_start(null: Null, model: Null, candidate: Candidate, reference: Reference | None) -> str:
+    """Why an effect is not there that lives on how its own states begin, and not on what drives them: a mass
+    of nothing that rings for ever from the first sample on is a sine of any origin. Empty where it does not.
+    Of bodies alone: at rest they move with what they hang on, while a wall may be at any temperature."""
+    if not candidate.effect.n_states or not needs_position(candidate.effect.domain):
+        return ""
+    if reference is None or reference.adds_up:
+        return ""
+    std, without = (
+        model.measurement_std,
+        grown(null, null.flat, null.explicit, reference.fit, null.experiments),
+    )
+    before = misfit(without, null.experiments, std)
+    after = misfit(model, model.experiments, std)
+    rested = misfit(model, model.experiments, std, candidate.name)
+    if before is None or after is None or rested is None or after >= before:
+        return ""
+    if before - rested >= GATES.min_driven_gain * (before - after):
+        return ""
+    return "it lives on how its own states begin: started at rest it does little of that"
 
 
 def _better_simpler(prepared: Prepared, fit: FitResult, delta_bic: float) -> Proof | None:
@@ -502,6 +527,8 @@ def by_simulation(
     refused = refused or bool(_formless(model, candidate, found) or _out_of_reach(model, candidate, found))
     p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(used.gain, 0.0), n_own)))
     if refused or p_value > GATES.max_chance:
+        return beside
+    if _of_its_start(null, model, candidate, reference):
         return beside
     return replace(
         beside,
@@ -1203,7 +1230,23 @@ def _is_rival(one: Proof, best: Proof) -> bool:
     return (
         abs(best.delta_bic - one.delta_bic) <= GATES.same_bic
         or _unseen_ratio(best, one) < GATES.max_rival_error
+        or _is_as_good(best, one)
     )
+
+
+def _is_as_good(best: Proof, one: Proof) -> bool:
+    """Whether another law with as many parameters foresees unseen data as well, and is not very much less
+    likely: the drift of a sensor and a constant load on a body that turns freely."""
+    is_other = best.candidate.effect.class_name != one.candidate.effect.class_name
+    if not is_other or len(_own_sizes(best)) != len(_own_sizes(one)):
+        return False
+    is_likely = abs(best.delta_bic - one.delta_bic) <= GATES.min_bic_gain
+    if one.adds_up:
+        ahead = [{a.samples: a.ratio for a in p.ahead} for p in (best, one)]
+        ratios = [ahead[1][n] / ahead[0][n] for n in set(ahead[0]) & set(ahead[1])]
+    else:
+        ratios = list(error_ratios(best.told.simulated, one.told.simulated))
+    return is_likely and bool(ratios) and all(abs(r - 1.0) <= GATES.same_unseen_error for r in ratios)
 
 
 def _unseen_ratio(best: Proof, one: Proof) -> float:

@@ -324,6 +324,28 @@ def free_runs(null: Null, experiments: Sequence[Experiment]) -> tuple[Trajectory
     return tuple(runs)
 
 
+def misfit(
+    null: Null, experiments: Sequence[Experiment], std: np.ndarray, resting: str | None = None
+) -> float | None:
+    """Sum of the squared errors of the simulation of a model, relative to the `std` (n_y,) of its outputs,
+    where every experiment has an initial state of its own, loads at rest; with those states at rest, too,
+    that belong to the component `resting`. None where it cannot be simulated."""
+    model = integrator(null.explicit)
+    names = null.explicit.state_names
+    loads = {load.name for load in null.loads}
+    free = np.array([name not in loads and name.partition(".")[0] != resting for name in names])
+    gain, root = np.zeros((len(names), len(null.flat.outputs))), np.diag(1.0 / std)
+    total = 0.0
+    for experiment in experiments:
+        try:
+            begin = np.where(free, initial_point(null.explicit, null.theta, experiment.inputs[0])[0], 0.0)
+            found = _searched_start(null, model, experiment, gain, root, begin, free, experiment.n_samples)
+        except IntegrationError:
+            return None
+        total += found.error * float(np.isfinite(experiment.outputs).sum())
+    return total if np.isfinite(total) else None
+
+
 def steady_misfit(
     null: Null, flat: FlatModel, explicit: ExplicitModel, experiments: Sequence[Experiment]
 ) -> float | None:
