@@ -16,6 +16,7 @@ from daest.model.fit import Agreement, FitResult, FittedParameter
 from daest.model.linear import LinearDAE
 from daest.model.noise import NoisePlace, NoiseReport
 from daest.model.parts import Equation, Variable
+from daest.report import figures as style
 from daest.report.comparison_figure import comparison_figure
 from daest.report.diagnosis_figures import staircase_figure
 from daest.report.figures import save, shown_range
@@ -294,3 +295,36 @@ def test_the_same_figure_is_the_same_file(comparison, tmp_path):
     for suffix in (".png", ".pdf"):
         one, other = (tmp_path / f"{name}{suffix}" for name in "ab")
         assert one.read_bytes() == other.read_bytes() and one.stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("seconds", "label", "numbers"),
+    [
+        (90.0, "time [s]", ["0", "20", "40", "60", "80"]),
+        (10 * 3600.0, "time [h]", ["0", "2", "4", "6", "8", "10"]),
+        (12 * 86400.0, "time [d]", ["0", "2", "4", "6", "8", "10", "12"]),
+        (4000 * 86400.0, "time [d]", ["0"]),
+    ],
+)
+def test_long_recordings_are_drawn_over_hours_or_days(seconds, label, numbers) -> None:
+    figure = style.figure(2.0)
+    ax = figure.subplots()
+    ax.plot([0.0, seconds], [0.0, 1.0])
+    style.time_axis(ax)
+    figure.canvas.draw()
+    low, high = ax.get_xlim()
+    places = zip(ax.get_xticks(), ax.get_xticklabels(), strict=True)
+    shown = [text.get_text() for place, text in places if low <= place <= high]
+    assert ax.get_xlabel() == label and set(numbers) <= set(shown) and len(shown) <= 12
+
+
+def test_logarithmic_axis_has_few_numbers() -> None:
+    figure = style.figure(2.0)
+    for ax, ends in zip(figure.subplots(1, 2), ([2e-4, 4e-3], [1e-9, 1.0]), strict=True):
+        ax.barh([0, 1], ends)
+        style.logarithmic(ax)
+    figure.canvas.draw()
+    for ax in figure.axes:
+        low, high = ax.get_xlim()
+        shown = [t.get_text() for t in ax.get_xticklabels(which="both") if low <= t.get_position()[0] <= high]
+        assert 2 <= sum(map(bool, shown)) <= 5, shown

@@ -83,7 +83,7 @@ def draw_runs(comparison: Comparison, part: Any) -> None:
         for column, ax in enumerate(line):
             draw(comparison, i, column, ax)
     for ax in axes[-1]:
-        ax.set_xlabel("time [s]")
+        style.time_axis(ax)
 
 
 def _run_rows(comparison: Comparison) -> list[tuple[Any, int]]:

@@ -73,7 +73,7 @@ def _draw_errors(diagnosis: Diagnosis, units: Mapping[str, str], part: Any) -> N
         ax.axvline(heights[0], color="black", lw=0.8, ls="--")
         known = [h for h in heights if h > 0.0]
         if known and max(known) > DECADE * min(known):
-            ax.set_xscale("log")
+            style.logarithmic(ax)
         scale = ", logarithmic" if ax.get_xscale() == "log" else ""
         ax.set_xlabel(f"validation rms {name} [{unit or '1'}]{scale}")
         ax.set_ylim(len(labels) - 0.4, -0.6)

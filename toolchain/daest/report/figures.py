@@ -36,6 +36,13 @@ SMALL = 7  # points of legends and of long names
 LINE = 0.13  # inches of height of a line of SMALL letters
 LETTER = 0.058  # inches of width of a SMALL letter, on average
 KEY = 8  # letters that take the room of a line and the gaps beside it in a legend
+MANY_DECADES = 100.0  # ratio of the ends of a logarithmic axis beyond which powers of ten alone are numbered
+CLOCKS = (
+    ("d", 86400.0, 4.0),
+    ("h", 3600.0, 2.0),
+)  # units of long recordings, in seconds, and from how many on
+CLOCK_STEPS = (1.0, 2.0, 3.0, 6.0, 12.0, 24.0, 48.0, 120.0)  # between the numbers of such an axis
+MOST_NUMBERS = 8  # of such an axis
 DASHES = ("-", "--", ":")  # of models of the same colour
 
 
@@ -135,3 +142,31 @@ def shown_range(value: np.ndarray, std: np.ndarray, measured: np.ndarray) -> tup
     low, high = (float(chosen.min()), float(chosen.max())) if chosen.size else (0.0, 1.0)
     margin = 0.1 * (high - low) or 1.0
     return low - margin, high + margin
+
+
+def logarithmic(ax: Axes) -> None:
+    """A logarithmic axis below, with few numbers that stand apart."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    ax.set_xscale("log")
+    low, high = ax.get_xlim()
+    steps = (1.0,) if high > MANY_DECADES * low else (1.0, 3.0)
+    ax.xaxis.set_major_locator(LogLocator(subs=steps, numticks=5))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
+
+
+def time_axis(ax: Axes) -> None:
+    """Name and unit of an axis below that is time in seconds: hours or days where it is long."""
+    from matplotlib.ticker import FuncFormatter, MultipleLocator
+
+    low, high = ax.dataLim.intervalx
+    unit, size = next(((u, s) for u, s, most in CLOCKS if high - low >= most * s), ("s", 1.0))
+    ax.set_xlabel(f"time [{unit}]")
+    if unit == "s" or not np.isfinite(high - low):
+        return
+    count = (high - low) / size
+    step = next((s for s in CLOCK_STEPS if count / s <= MOST_NUMBERS), None)
+    if step is not None:
+        ax.xaxis.set_major_locator(MultipleLocator(step * size))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / size:g}"))

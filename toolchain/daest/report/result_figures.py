@@ -33,7 +33,7 @@ def design_figure(found: Design) -> Figure:
         ax.axhspan(one.low, one.high, color=QUIET, alpha=0.3, lw=0, label="range")
         ax.plot(found.limits.time, column, color=LINES[0], lw=0.8, drawstyle=steps, label="to be played")
         ax.set_ylabel(style.label(one.name, one.unit))
-        ax.set_xlabel("time [s]")
+        style.time_axis(ax)
         style.legend(ax)
     if found.power:
         _power(axes[-1], found)
@@ -113,7 +113,7 @@ def filter_figure(result: FilterResult, experiment: Experiment, names: tuple[str
     for ax, name in zip(axes, shown, strict=True):
         _draw_estimate(result, experiment, name, ax)
     figure.suptitle(_judged(result), fontsize=9)
-    axes[-1].set_xlabel("time [s]")
+    style.time_axis(axes[-1])
     return figure
 
 
@@ -175,7 +175,7 @@ def simulation_figure(simulation: Simulation, recording: Experiment) -> Figure:
             style.legend(ax)
     noise = "with noise" if simulation.with_noise else "without noise"
     figure.suptitle(f"{simulation.model_name}, {noise} ({simulation.method})", fontsize=9)
-    axes[-1].set_xlabel("time [s]")
+    style.time_axis(axes[-1])
     return figure
 
 
