@@ -111,6 +111,8 @@ def internal_forces(flat: FlatModel) -> list[InternalForce]:
     """Forces between bodies, or between one and what an input moves, in the model's own equations: one of
     those that the same motion drives."""
     bodies = [b for b in balances(flat) if b.domain(flat) in _FORCES]
+    if not bodies:
+        return []
     found: list[InternalForce] = []
     for force in (
         *_given_by_equations(flat, bodies),
