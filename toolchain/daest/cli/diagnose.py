@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,8 +91,8 @@ search_options = gathered(
 
 @dataclass(frozen=True)
 class Case:
-    """A model with its recordings, and what it is searched for. `as_recorded` is the same with the recordings
-    at their own period, where these are coarser."""
+    """A model with its recordings, and what it is searched for. `as_recorded` makes the same with the
+    recordings at their own period, where these are coarser."""
 
     project: Project
     source: Path
@@ -105,7 +105,7 @@ class Case:
     options: DiagnoseOptions
     recordings: tuple[Path, ...] = ()
     remarks: tuple[str, ...] = ()  # on the earlier fit that is held against the data, and on the data
-    as_recorded: Case | None = None
+    as_recorded: Callable[[], Case] | None = None
 
 
 @click.command("diagnose", epilog=example("daest diagnose Servo.mo run1.csv --split 0.5 --fix R=4.6"))
@@ -211,35 +211,44 @@ def opened(
         options, remarks, recorded = _engine_options(search, names, search.places, hold), (), None
         binary = source.read_bytes()
 
-    def case_of(
-        estimation: list[Experiment],
-        validation: list[Experiment],
-        options: DiagnoseOptions,
-        remarks: tuple[str, ...],
-    ) -> Case:
+    def kept(
+        estimation: list[Experiment], validation: list[Experiment], options: DiagnoseOptions
+    ) -> DiagnoseOptions:
+        """The options with what is kept of the run from one call to the next."""
         decisive = (
             options.effects, options.places, options.hold, options.seed, binary, library_digest(folders)
         )  # fmt: skip
         run = run_digest(flat, estimation, validation, decisive)
-        return Case(
-            project,
-            source,
-            chosen_class(project, source, model_options.class_name),
-            folders,
-            flat,
-            estimation,
-            validation,
-            library,
-            replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file)),
-            tuple(training_files(project, data)),
-            remarks,
-        )
+        return replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file))
 
-    case = case_of(estimation, validation, options, remarks)
+    case = Case(
+        project,
+        source,
+        chosen_class(project, source, model_options.class_name),
+        folders,
+        flat,
+        estimation,
+        validation,
+        library,
+        kept(estimation, validation, options),
+        tuple(training_files(project, data)),
+        remarks,
+    )
     if recorded is None or recorded[0] is estimation or _n_samples(recorded[0]) > MOST_AS_RECORDED:
         return case
-    known = replace(options, hold=data_choice.known_hold(project, flat), held=None)
-    return replace(case, as_recorded=case_of(*recorded, known, (*remarks, AS_RECORDED)))
+
+    def as_recorded() -> Case:
+        known = replace(options, hold=data_choice.known_hold(project, flat), held=None)
+        estimation, validation = recorded
+        return replace(
+            case,
+            estimation=estimation,
+            validation=validation,
+            options=kept(estimation, validation, known),
+            remarks=(*remarks, AS_RECORDED),
+        )
+
+    return replace(case, as_recorded=as_recorded)
 
 
 def _n_samples(experiments: Sequence[Experiment]) -> int:
@@ -446,9 +455,10 @@ def diagnosed(case: Case) -> tuple[Case, Diagnosis]:
         found = found_in(case)
         if found.is_by_colour and case.as_recorded is not None:
             note(AS_RECORDED)
-            again = found_in(case.as_recorded)
+            finer = case.as_recorded()
+            again = found_in(finer)
             if not again.is_by_colour:
-                case, found = case.as_recorded, again
+                case, found = finer, again
     _require_seen(case, found)
     return case, found
 

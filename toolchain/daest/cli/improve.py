@@ -145,8 +145,8 @@ def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any
         found = found_in(case)
         if found.last.is_by_colour and len(found.steps) == 1 and case.as_recorded is not None:
             note(AS_RECORDED)
-            limited = replace(case.as_recorded.options, time_limit=case.options.time_limit)
-            finer = replace(case.as_recorded, options=limited)
+            finer = case.as_recorded()
+            finer = replace(finer, options=replace(finer.options, time_limit=case.options.time_limit))
             again = found_in(finer)
             if not again.last.is_by_colour or len(again.steps) > 1:
                 case, found = finer, again

@@ -448,10 +448,8 @@ def _of_its_start(null: Null, model: Null, candidate: Candidate, reference: Refe
         return ""
     if reference is None or reference.adds_up:
         return ""
-    std, without = (
-        model.measurement_std,
-        grown(null, null.flat, null.explicit, reference.fit, null.experiments),
-    )
+    without = grown(null, null.flat, null.explicit, reference.fit, null.experiments)
+    std = model.measurement_std
     before = misfit(without, null.experiments, std)
     after = misfit(model, model.experiments, std)
     rested = misfit(model, model.experiments, std, candidate.name)
@@ -574,9 +572,8 @@ def _in_brief(
     ahead: tuple[Ahead, ...] = ()
     if leader.adds_up:
         ahead = compared(reference.foreseen, foreseen(observer, validation), period_of(null.experiments))
-        errors = [{a.samples: a.ratio for a in part} for part in (leader.ahead, ahead)]
-        horizon = max(set(errors[0]) & set(errors[1]), default=None)
-        may_be_rival = horizon is None or errors[1][horizon] < errors[0][horizon]
+        errors = _ahead_of(leader.ahead, ahead)
+        may_be_rival = not errors or errors[max(errors)] < 1.0
     else:
         ratios = error_ratios(leader.told.simulated, rough.simulated)
         is_worse_in_one = max(ratios, default=0.0) > 1.0 + GATES.clear_unseen_error
@@ -1242,11 +1239,17 @@ def _is_as_good(best: Proof, one: Proof) -> bool:
         return False
     is_likely = abs(best.delta_bic - one.delta_bic) <= GATES.min_bic_gain
     if one.adds_up:
-        ahead = [{a.samples: a.ratio for a in p.ahead} for p in (best, one)]
-        ratios = [ahead[1][n] / ahead[0][n] for n in set(ahead[0]) & set(ahead[1])]
+        ratios = list(_ahead_of(best.ahead, one.ahead).values())
     else:
         ratios = list(error_ratios(best.told.simulated, one.told.simulated))
     return is_likely and bool(ratios) and all(abs(r - 1.0) <= GATES.same_unseen_error for r in ratios)
+
+
+def _ahead_of(best: Sequence[Ahead], one: Sequence[Ahead]) -> dict[int, float]:
+    """Errors of predictions of unseen data relative to those of the best law, by horizon in samples, where
+    both are known."""
+    known = {a.samples: a.ratio for a in best}
+    return {a.samples: a.ratio / known[a.samples] for a in one if a.samples in known}
 
 
 def _unseen_ratio(best: Proof, one: Proof) -> float:
@@ -1255,9 +1258,8 @@ def _unseen_ratio(best: Proof, one: Proof) -> float:
     worse. A law that is better by no more than a constant load is not better: where it is known, that with
     one counts (`with_steady_error`)."""
     if one.adds_up:
-        errors = [{a.samples: a.ratio for a in p.ahead} for p in (best, one)]
-        horizon = max(set(errors[0]) & set(errors[1]), default=None)
-        return np.inf if horizon is None else errors[1][horizon] / errors[0][horizon]
+        ahead = _ahead_of(best.ahead, one.ahead)
+        return ahead[max(ahead)] if ahead else np.inf
     ratios = error_ratios(best.told.simulated, one.told.simulated)
     if not ratios or max(ratios) > 1.0 + GATES.same_unseen_error:
         return np.inf

@@ -9,9 +9,10 @@ reached tells nothing of the rest of the record.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -330,18 +331,34 @@ def misfit(
     """Sum of the squared errors of the simulation of a model, relative to the `std` (n_y,) of its outputs,
     where every experiment has an initial state of its own, loads at rest; with those states at rest, too,
     that belong to the component `resting`. None where it cannot be simulated."""
-    model = integrator(null.explicit)
-    names = null.explicit.state_names
     loads = {load.name for load in null.loads}
+    names = null.explicit.state_names
     free = np.array([name not in loads and name.partition(".")[0] != resting for name in names])
-    gain, root = np.zeros((len(names), len(null.flat.outputs))), np.diag(1.0 / std)
-    total = 0.0
+
+    def begun(experiment: Experiment) -> np.ndarray:
+        return np.where(free, initial_point(null.explicit, null.theta, experiment.inputs[0])[0], 0.0)
+
+    return _squared_errors(null, integrator(null.explicit), experiments, np.diag(1.0 / std), free, begun)
+
+
+def _squared_errors(
+    null: Null,
+    model: Integrator,
+    experiments: Iterable[Experiment],
+    root: np.ndarray,
+    free: np.ndarray,
+    begun: Callable[[Experiment], np.ndarray],
+) -> float | None:
+    """Sum of the squared errors, whitened with the `root` (n_y, n_y), of simulations that start where the
+    states that are `free` (n,) fit the whole experiment best, searched from where it has `begun`. None where
+    one of them cannot be simulated."""
+    gain, total = np.zeros((free.size, len(null.flat.outputs))), 0.0
     for experiment in experiments:
         try:
-            begin = np.where(free, initial_point(null.explicit, null.theta, experiment.inputs[0])[0], 0.0)
-            found = _searched_start(null, model, experiment, gain, root, begin, free, experiment.n_samples)
+            begin = begun(experiment)
         except IntegrationError:
             return None
+        found = _searched_start(null, model, experiment, gain, root, begin, free, experiment.n_samples)
         total += found.error * float(np.isfinite(experiment.outputs).sum())
     return total if np.isfinite(total) else None
 
@@ -361,18 +378,12 @@ def steady_misfit(
     lasting = flat.with_theta({f"{load.name}.T": CONSTANT * duration for load in null.loads})
     still = replace(null, flat=lasting, explicit=replace(explicit, flat=lasting))
     model = integrator(still.explicit)
-    gain = np.zeros((len(explicit.state_names), len(flat.outputs)))
     root, free = np.diag(1.0 / null.measurement_std), np.ones(len(explicit.state_names), dtype=bool)
-    total = 0.0
+    gain = np.zeros((free.size, len(flat.outputs)))
     names = [one.name for one in flat.inputs]
-    for experiment in (one.as_driving(names) for one in experiments):
-        try:
-            begin = _initial_state(still, model, experiment, gain, root)
-        except IntegrationError:
-            return None
-        found = _searched_start(still, model, experiment, gain, root, begin, free, experiment.n_samples)
-        total += found.error * float(np.isfinite(experiment.outputs).sum())
-    return total if np.isfinite(total) else None
+    driving = (one.as_driving(names) for one in experiments)
+    begun = partial(_initial_state, still, model, gain=gain, root=root)
+    return _squared_errors(still, model, driving, root, free, begun)
 
 
 def _initial_state(

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import casadi as ca
 import numpy as np
@@ -150,7 +151,7 @@ def _spelled_out(flat: FlatModel, law: ca.SX, slopes: np.ndarray, rows: set[int]
     are `kept`."""
     n = flat.xi.numel()
     for _ in range(_DEPTH):
-        used = np.flatnonzero(ca.which_depends(law, flat.xi, 1, False)).tolist() if law.numel() else []
+        used = np.flatnonzero(ca.which_depends(law, flat.xi, 1, False)).tolist()
         given = {}
         for k in used:
             own = [i for i in rows if abs(slopes[i, k]) == 1.0 and not np.any(slopes[i, n:])]
@@ -174,7 +175,8 @@ def _ground(
         return ()
     own = [flat.xi[body.position if has_positions else body.variable] for body, _ in bodies]
     moved = ca.vertcat(*own, *(flat.u[i] for i in candidates))
-    values = _at_points(flat, ca.vertcat(ca.jacobian(law, moved).T, *(factor for _, factor in bodies)))
+    column = ca.vertcat(ca.jacobian(law, moved).T, *(factor for _, factor in bodies))
+    values = _at_points(flat, column)[:, 0]
     n_bodies, n_all = len(own), moved.numel()
     with np.errstate(all="ignore"):
         per_motion = values[:n_bodies] / values[n_all:]
@@ -189,13 +191,21 @@ def _ground(
     )
 
 
-def _at_points(flat: FlatModel, column: ca.SX) -> np.ndarray:
-    """The values of a column at random points of the variables and the parameters, (n, n_points)."""
-    everything = [flat.xi, flat.derivatives, flat.u, flat.w, flat.theta]
-    evaluate = ca.Function("values", [*everything, flat.time], [column])
+def _at_points(flat: FlatModel, expression: ca.SX, theta: np.ndarray | None = None) -> np.ndarray:
+    """The values of an expression (n, m) at random points of the variables, and of the parameters unless
+    `theta` (n_theta,) has them, (n, m, n_points)."""
+    everything = [flat.xi, flat.derivatives, flat.u, flat.w]
+    evaluate = ca.Function("values", [*everything, flat.theta, flat.time], [expression])
     rng = np.random.default_rng(_SEED)
-    points = [[rng.uniform(0.5, 1.5, x.numel()) for x in everything] for _ in range(_N_POINTS)]
-    return np.column_stack([evaluate(*point, 0.7).full().ravel() for point in points])
+
+    def drawn(symbols: ca.SX) -> np.ndarray:
+        return rng.uniform(0.5, 1.5, symbols.numel())
+
+    values = []
+    for _ in range(_N_POINTS):
+        point = [drawn(symbols) for symbols in everything]
+        values.append(evaluate(*point, drawn(flat.theta) if theta is None else theta, 0.7).full())
+    return np.stack(values, axis=-1)
 
 
 def _is_definition(slopes: np.ndarray) -> bool:
@@ -243,14 +253,13 @@ def _deflection(
         position = _sum((factor, flat.xi[body.position]) for body, factor in bodies)
         motions.append((flat.xi, position + moved))
     own = {body.position for body, _ in bodies}
-    for symbols, motion in motions:
-        for row, equation in zip(ca.vertsplit(flat.residual), flat.equations, strict=True):
-            if equation.kind not in ("component", "binding") or equation.origin:
-                continue
-            for k in np.flatnonzero(ca.which_depends(row, symbols, 1, False)).tolist():
-                for sign in (1.0, -1.0):
-                    if k not in own and _is_same(flat, row, symbols[k] - sign * motion):
-                        return k, sign
+    kinds = ("component", "binding")
+    rows = [flat.residual[i] for i, e in enumerate(flat.equations) if e.kind in kinds and not e.origin]
+    for (symbols, motion), row in product(motions, rows):
+        used = set(np.flatnonzero(ca.which_depends(row, symbols, 1, False)).tolist()) - own
+        for k, sign in product(sorted(used), (1.0, -1.0)):
+            if _is_same(flat, row, symbols[k] - sign * motion):
+                return k, sign
     return None
 
 
@@ -260,12 +269,7 @@ def _sum(terms: Iterable[tuple[ca.SX, ca.SX]]) -> ca.SX:
 
 def _is_same(flat: FlatModel, one: ca.SX, other: ca.SX) -> bool:
     """Whether two expressions have the same values but for their signs, at random points."""
-    everything = [flat.xi, flat.derivatives, flat.u, flat.w]
-    evaluate = ca.Function("both", [*everything, flat.theta, flat.time], [one, other])
-    rng = np.random.default_rng(_SEED)
-    points = [[rng.normal(size=x.numel()) for x in everything] for _ in range(_N_POINTS)]
-    pairs = [evaluate(*point, flat.theta_values, 0.7) for point in points]
-    a, b = np.array([[float(x) for x in pair] for pair in pairs]).T
+    a, b = _at_points(flat, ca.vertcat(one, other), flat.theta_values)[:, 0]
     return any(np.allclose(a, sign * b, rtol=_TOLERANCE, atol=0.0) for sign in (1.0, -1.0))
 
 
@@ -336,14 +340,7 @@ def _actions(flat: FlatModel, bodies: Sequence[Balance]) -> tuple[np.ndarray, np
     and whether they change with the motion of a body, (n_bodies, n_theta, n_bodies)."""
     rows = ca.vertcat(*(body.sign * flat.residual[body.row] for body in bodies))
     slopes = ca.jacobian(rows, flat.theta)
-    everything = [flat.xi, flat.derivatives, flat.u, flat.w]
-    evaluate = ca.Function("slopes", [*everything, flat.theta, flat.time], [slopes])
-    rng = np.random.default_rng(_SEED)
-    values = [
-        evaluate(*(rng.uniform(0.5, 1.5, x.numel()) for x in everything), flat.theta_values, 0.7).full()
-        for _ in range(_N_POINTS)
-    ]
-    acts = np.nan_to_num(np.stack(values, axis=-1))
+    acts = np.nan_to_num(_at_points(flat, slopes, flat.theta_values))
     follows = np.zeros((len(bodies), flat.theta.numel(), len(bodies)), dtype=bool)
     for j, body in enumerate(bodies):
         own = [flat.xi[i] for i in (body.variable, body.position) if i >= 0]
