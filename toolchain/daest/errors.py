@@ -1047,8 +1047,8 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "option-hold": (
         "--hold, or hold in daest.toml, tells what inputs do between their samples: zoh, all keep their "
-        "value; foh, all run on straight lines; zoh(P, valve), those named keep their value and the others "
-        "run straight."
+        "value; foh, all run on straight lines; smooth, all run on the cubic spline through their samples; "
+        "zoh(P, valve), those named keep their value and the others run straight."
     ),
     "option-resample": (
         "The period for --resample must be positive and not shorter than the sampling period of the "

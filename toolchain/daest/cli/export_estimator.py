@@ -67,7 +67,7 @@ estimator_options = gathered(
         metavar="HOLD",
         callback=hold_form,
         help="Inputs between samples: held (zoh), on straight lines (foh), or some held (zoh(NAME, ...)); "
-        "default: as in the fit.",
+        "default: as in the fit, but straight where that has smooth curves, which need later samples.",
     ),
 )
 

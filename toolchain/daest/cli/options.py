@@ -75,7 +75,9 @@ def hold_form(_ctx: click.Context, parameter: click.Parameter, given: str | None
     from daest.model.holds import is_hold
 
     if not is_hold(given):
-        raise click.BadParameter(f"'{given}' is none of zoh, foh and zoh(NAME, ...).", param=parameter)
+        raise click.BadParameter(
+            f"'{given}' is none of zoh, foh, smooth and zoh(NAME, ...).", param=parameter
+        )
     return given
 
 
@@ -257,9 +259,9 @@ hold_option = click.option(
     "--hold",
     metavar="HOLD",
     callback=hold_form,
-    help="Inputs between samples: held (zoh), on straight lines (foh), or those named held and the others "
-    "straight (zoh(NAME, ...)). Default: that of daest.toml or of the fit; identify, diagnose and improve "
-    "take what fits best; otherwise foh.",
+    help="Inputs between samples: held (zoh), on straight lines (foh), on smooth curves (smooth), or those "
+    "named held and the others straight (zoh(NAME, ...)). Default: that of daest.toml or of the fit; "
+    "identify, diagnose and improve take what fits best; otherwise foh.",
 )
 _window_options = (
     click.option("--from", "start", type=float, metavar="TIME", help="Use the recording from here on [s]."),

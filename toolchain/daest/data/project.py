@@ -43,7 +43,7 @@ KEYS: dict[str, dict[str, str]] = {
         "to": "time in s up to which it is used",
         "resample": "sampling period in s to resample to, behind a filter against aliasing",
         "detrend": '"none", "mean" or "linear": what is taken off every signal',
-        "hold": '"zoh", "foh" or "zoh(NAME, ...)": what inputs are held between samples, not straight',
+        "hold": '"zoh", "foh", "smooth" or "zoh(NAME, ...)": what inputs do between samples',
     },
     "parameters": {
         "estimate": "true or false",
@@ -352,7 +352,7 @@ class _Reader:
         value = data.get("hold")
         if value is None or (isinstance(value, str) and is_hold(value)):
             return value
-        self._wrong_type("data", "hold", 'one of "zoh", "foh", "zoh(NAME, ...)"')
+        self._wrong_type("data", "hold", 'one of "zoh", "foh", "smooth", "zoh(NAME, ...)"')
         return None
 
     def _path(self, entries: dict[str, Any], section: str, key: str) -> Path | None:

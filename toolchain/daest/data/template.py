@@ -66,7 +66,8 @@ def _data(draft: Draft) -> Iterator[str]:
         yield f"# columns: {', '.join(draft.columns)}"
     if draft.time is not None:
         yield f"time = {_text(draft.time)}  # found by its values: please check"
-    yield "# from, to [s], resample [s], detrend (none, mean, linear), hold (zoh, foh, zoh(NAME, ...))"
+    yield "# from, to [s], resample [s], detrend (none, mean, linear)"
+    yield "# hold (zoh, foh, smooth, zoh(NAME, ...)): inputs between their samples"
     yield from _mapping("inputs", draft.inputs)
     yield from _mapping("outputs", draft.outputs)
     if draft.units:

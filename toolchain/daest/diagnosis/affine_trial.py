@@ -25,7 +25,7 @@ from daest.model.flat import Dynamics
 from daest.model.holds import ZOH
 from daest.model.linear import StateSpaceFamily
 from daest.systems.linearize import is_affine_model
-from daest.systems.state_space import state_space, state_space_family
+from daest.systems.state_space import family_for, state_space, state_space_family
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,8 @@ def _problem(candidate: Candidate, family: StateSpaceFamily, experiments: Sequen
         intensity=np.array([noise.intensity or 0.0 for noise in flat.noises], dtype=float),
         measurement_std=np.array([output.noise_std or 0.0 for output in flat.outputs], dtype=float),
     )
-    records = tuple(make_record(experiment, family) for experiment in experiments)
+    family = family_for(family, candidate.hold)
+    records = tuple(make_record(experiment, family, candidate.hold) for experiment in experiments)
     return Problem(family, records, candidate.hold, unknowns, unknown, candidate.sampled)
 
 

@@ -14,7 +14,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import LoadPlace, load_places, with_loads
 from daest.errors import EstimationError
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
-from daest.estimation.hold_search import moving_inputs, ranked_holds
+from daest.estimation.hold_search import moving_inputs, possible_holds, ranked_holds
 from daest.estimation.identify import identify
 from daest.estimation.identify_nonlinear import Refit, WarmStart, search_on
 from daest.model.diagnosis import Load
@@ -117,7 +117,8 @@ def fit_null(
     period = period_of(experiments)
     loaded = with_loads(flat, places, [FIRST_LOAD * period] * len(places))
     explicit = reduce_index(loaded)
-    asked = (hold,) if hold else HOLDS if held is not None else _possible_holds(explicit)
+    names = moving_inputs(experiments, [one.name for one in flat.inputs])
+    asked = (hold,) if hold else _asked_holds(explicit, experiments, held, names)
     is_affine = has_affine_dynamics(explicit)
     times = tuple(place.time_constant for place in places)
     fits: dict[Hold, FitResult] = {}
@@ -127,7 +128,6 @@ def fit_null(
         fits[one] = _loaded_fit(loaded, times, *driving, slowest, is_affine)
         return fits[one].log_likelihood
 
-    names = moving_inputs(experiments, [one.name for one in flat.inputs])
     best, *others = ranked_holds(names if len(asked) > 1 else (), likelihood, asked)
     null = _at_estimate(loaded, fits[best], places, as_recorded(experiments, held, best))
     null = replace(null, recorded_hold=best, slowest=slowest)
@@ -214,9 +214,16 @@ def open_hold(null: Null, gain: float = 0.0) -> Hold | None:
     return null.other_hold if null.hold_lead < max(GATES.clear_hold_gain, gain) else None
 
 
-def _possible_holds(explicit: ExplicitModel) -> tuple[Hold, ...]:
-    """A held input has no slope."""
-    return (FOH,) if acting_slopes(explicit) else HOLDS
+def _asked_holds(
+    explicit: ExplicitModel,
+    experiments: Sequence[Experiment],
+    held: Sequence[Experiment] | None,
+    names: Sequence[str],
+) -> tuple[Hold, ...]:
+    """The holds of all inputs alike to choose from."""
+    if held is not None:
+        return HOLDS
+    return possible_holds(experiments, names, bool(acting_slopes(explicit)))
 
 
 def period_of(experiments: Sequence[Experiment]) -> float:

@@ -18,7 +18,7 @@ from daest.fmu.estimator_linear import EstimatorStart, LinearForm
 from daest.fmu.estimator_nonlinear import NonlinearForm
 from daest.model.estimates import FilterKind, FilterOptions, InitialState
 from daest.model.flat import FlatModel, Model, events_refused, with_equations
-from daest.model.holds import Hold
+from daest.model.holds import Hold, causal_hold
 from daest.systems.integrate import interval_inputs
 from daest.systems.linearize import is_affine_model
 from daest.systems.local_linear import internal_names
@@ -49,7 +49,7 @@ def estimator_model(
         raise events_refused("an exported estimator")
     is_affine = is_affine_model(flat)
     chosen = kind or ("kalman" if is_affine else "ekf")
-    values = chosen_values(flat, only)
+    values, hold = chosen_values(flat, only), causal_hold(hold)
     if chosen == "ekf" or chosen == "ukf":
         return _nonlinear(flat, period, chosen, hold, values, initial, longest)
     if not is_affine:

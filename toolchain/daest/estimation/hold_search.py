@@ -1,7 +1,9 @@
 """Which inputs keep their value between samples, by the likelihood of short fits.
 
 All inputs alike come first. Then one after the other is taken the other way, since a heating that is switched
-may stand beside a temperature that runs straight; that some differ from others must gain more.
+may stand beside a temperature that runs straight; that some differ from others must gain more. Smooth curves
+are tried where the recorded values themselves lie on such: where splines through every other sample foretell
+the samples between them better than straight lines do.
 """
 
 from __future__ import annotations
@@ -10,10 +12,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from daest.data.prepare import is_resampled
 from daest.estimation.gates import FIT
 from daest.model.experiment import Experiment
-from daest.model.holds import HOLDS, Hold, held_inputs, mixed_hold
+from daest.model.holds import ALIKE, FOH, HOLDS, SMOOTH, ZOH, Hold, held_inputs, mixed_hold, resampled
 
+FEWEST_SMOOTH = 16  # samples of an input of which it is asked whether they lie on a smooth curve
 MOST_TURNED = 6  # inputs that are taken the other way one after the other: each costs a short fit
 
 
@@ -27,11 +31,11 @@ def ranked_holds(
     def ask(hold: Hold) -> None:
         found = None if hold in values else likelihood(hold)
         if found is not None:
-            values[hold] = found - (0.0 if hold in HOLDS else FIT.min_mixed_hold_gain)
+            values[hold] = found - (0.0 if hold in ALIKE else FIT.min_mixed_hold_gain)
 
     for hold in first:
         ask(hold)
-    for name in names if values and len(names) > 1 else ():
+    for name in names if values and ZOH in first and SMOOTH not in first and len(names) > 1 else ():
         ask(_turned(max(values, key=values.__getitem__), name, names))
     return sorted(values, key=lambda hold: -values[hold])
 
@@ -49,6 +53,41 @@ def moving_inputs(experiments: Sequence[Experiment], names: Sequence[str]) -> tu
     moving = [name for name in names if rough[name] > 0.0]
     chosen = sorted(moving, key=lambda name: -rough[name])[:MOST_TURNED]
     return tuple(name for name in names if name in chosen)
+
+
+def possible_holds(
+    experiments: Sequence[Experiment], names: Sequence[str], needs_slopes: bool
+) -> tuple[Hold, ...]:
+    """The holds of all inputs alike that a recording may have, where its inputs `names` move: a model that
+    `needs_slopes` is not driven by held ones."""
+    smooth = (SMOOTH,) if are_smooth(experiments, names) else ()
+    return ((FOH,) if needs_slopes else HOLDS) + smooth
+
+
+def are_smooth(experiments: Sequence[Experiment], names: Sequence[str]) -> bool:
+    """Whether the inputs `names`, all of which move, lie on smooth curves through their samples. Those that
+    were made for straight lines when the recordings were resampled do not."""
+    if not names or any(is_resampled(experiment) for experiment in experiments):
+        return False
+    return all(
+        is_smooth(experiment.time, course)
+        for experiment in experiments
+        for course in (experiment.input(name) for name in names)
+        if np.ptp(course) > 0.0
+    )
+
+
+def is_smooth(time: np.ndarray, course: np.ndarray) -> bool:
+    """Whether splines through every other sample of a course (n_samples,) foretell those between them better
+    by far than straight lines do."""
+    known, asked = slice(0, None, 2), slice(1, -1, 2)
+    if course.size < FEWEST_SMOOTH or not np.ptp(course[known]):
+        return False
+    by_curve, by_line = (
+        resampled(course[known, None], time[known], time[asked], hold)[:, 0] for hold in (SMOOTH, FOH)
+    )
+    curve, line = (np.sum((course[asked] - foretold) ** 2) for foretold in (by_curve, by_line))
+    return bool(curve <= FIT.max_smooth_error**2 * line)
 
 
 def _roughness(course: np.ndarray) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 from daest.estimation.arx import matched_start
 from daest.estimation.coordinates import Coordinate, Unknowns, objective, prior_precisions, rescaled
 from daest.estimation.gates import FIT
-from daest.estimation.hold_search import moving_inputs, ranked_holds
+from daest.estimation.hold_search import moving_inputs, possible_holds, ranked_holds
 from daest.estimation.identifiability import (
     Scores,
     Uncertainty,
@@ -45,12 +45,12 @@ from daest.estimation.setup import Setup, check_start
 from daest.estimation.stationary import unseen_directions
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, Bound, FittedNoise
-from daest.model.holds import FOH, Hold
+from daest.model.holds import FOH, SMOOTH, Hold
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.parallel import workers
 from daest.systems.input_slopes import acting_slopes_of, theta_in_use
-from daest.systems.state_space import state_space
+from daest.systems.state_space import family_for, state_space
 
 HOLD_ITERATIONS = 10  # of the short output-error fits that compare the holds
 HOLD_SAMPLES = 4000  # of every recording that this comparison uses
@@ -72,7 +72,8 @@ def linear_ends(family: StateSpaceFamily, setup: Setup, tell: Tell) -> LinearEnd
     at_start = partial(objective(simulation), setup.unknowns.start, True)
     setup = replace(setup, unknowns=rescaled(setup.unknowns, at_start, setup.n_observed))
     simulation = replace(simulation, unknowns=setup.unknowns)
-    simulation = replace(simulation, hold=_chosen_hold(simulation, setup.experiments, setup.options.hold))
+    hold = _chosen_hold(simulation, setup.experiments, setup.options.hold)
+    simulation = _with_hold(simulation, setup.experiments, hold)
     _check_start(setup, simulation)
     problem, found = _search(setup, simulation, tell)
     return LinearEnds(setup, problem, found)
@@ -95,7 +96,7 @@ class LinearEnds:
         """Of the simulation and of the one-step prediction; every record starts where it fits best."""
         records = self.problem.records
         if experiments is not None:
-            records = tuple(make_record(e, self.problem.family) for e in experiments)
+            records = tuple(make_record(e, self.problem.family, self.problem.hold) for e in experiments)
         problem, z = replace(self.problem, records=records), self.found[0].z
         simulated = _agreement(problem, replace(problem, is_filtered=False).predict(z))
         return simulated, _agreement(problem, problem.predict(z)) if problem.is_filtered else simulated
@@ -150,24 +151,33 @@ def _chosen_hold(problem: Problem, experiments: Sequence[Experiment], given: Hol
     family = problem.family
     if given is not None:
         return given
-    if not family.inputs or needed_slopes(family, problem.unknowns):
-        return "foh"
-    short = replace(problem, records=tuple(_head(r, HOLD_SAMPLES) for r in problem.records))
-    unknowns = short.unknowns
+    names = moving_inputs(experiments, [one.name for one in family.inputs])
+    asked = possible_holds(experiments, names, bool(needed_slopes(family, problem.unknowns)))
+    if not names or len(asked) < 2:
+        return FOH
+    unknowns = problem.unknowns
     best: Found | None = None
 
     def likelihood(hold: Hold) -> float | None:
         nonlocal best
         z = unknowns.start if best is None else best.z
-        found = minimise(
-            objective(replace(short, hold=hold)), z, unknowns.lower, unknowns.upper, HOLD_ITERATIONS
-        )
+        held = _with_hold(problem, experiments, hold)
+        short = replace(held, records=tuple(_head(r, HOLD_SAMPLES) for r in held.records))
+        found = minimise(objective(short), z, unknowns.lower, unknowns.upper, HOLD_ITERATIONS)
         best = found or best
         return None if found is None else -found.evaluation.value
 
-    moving = moving_inputs(experiments, [one.name for one in family.inputs])
-    ranked = ranked_holds(moving, likelihood)
+    ranked = ranked_holds(names, likelihood, asked)
     return ranked[0] if ranked else FOH
+
+
+def _with_hold(problem: Problem, experiments: Sequence[Experiment], hold: Hold) -> Problem:
+    """The problem of inputs that are held or straight, with inputs that do so between their samples."""
+    if hold != SMOOTH:
+        return replace(problem, hold=hold)
+    family = family_for(problem.family, hold)
+    records = tuple(make_record(e, family, hold) for e in experiments)
+    return replace(problem, family=family, records=records, hold=hold)
 
 
 def _head(record: Record, n_samples: int) -> Record:

@@ -11,15 +11,16 @@ from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns, objective, parameter_scale
 from daest.estimation.gain_family import LONGEST_LOG
 from daest.estimation.gates import FIT
-from daest.estimation.hold_search import moving_inputs, ranked_holds
+from daest.estimation.hold_search import moving_inputs, possible_holds, ranked_holds
 from daest.estimation.records import part_of
 from daest.estimation.search import Evaluation, Found, minimise
 from daest.estimation.setup import check_start, no_start
 from daest.estimation.trajectories import TrajectoryProblem, integrated, prediction_errors
 from daest.model.fit import IdentifyOptions
-from daest.model.holds import HOLDS, Hold
+from daest.model.holds import SMOOTH, Hold
 from daest.systems.initialize import initial_point
 from daest.systems.input_slopes import acting_slopes
+from daest.systems.integrate import follows_curves
 from daest.systems.integration import IntegrationError
 
 FIRST_LENGTH = 500  # samples of the fit that finds the initial state before the whole record is used
@@ -186,10 +187,11 @@ def with_hold(
     problem: TrajectoryProblem, z: np.ndarray, options: IdentifyOptions
 ) -> tuple[TrajectoryProblem, np.ndarray]:
     """The given hold, or the one with the higher likelihood after short fits. Shapes: z (n_z,)."""
-    if options.hold is not None or not problem.model.explicit.flat.inputs or _needs_slopes(problem):
+    names, asked = _asked_holds(problem, options)
+    if len(asked) < 2:
         return problem, z
     ends: dict[Hold, Found] = {}
-    ranked = ranked_holds(_moving(problem), _short_fits(problem, z, ends))
+    ranked = ranked_holds(names, _short_fits(problem, z, ends), asked)
     return (replace(problem, hold=ranked[0]), ends[ranked[0]].z) if ranked else (problem, z)
 
 
@@ -216,8 +218,18 @@ def _needs_slopes(problem: TrajectoryProblem) -> bool:
     return bool(acting_slopes(problem.model.explicit, unknowns.parameter_names(), unknowns.theta))
 
 
-def _moving(problem: TrajectoryProblem) -> tuple[str, ...]:
-    return moving_inputs(problem.experiments, [one.name for one in problem.model.explicit.flat.inputs])
+def _asked_holds(
+    problem: TrajectoryProblem, options: IdentifyOptions
+) -> tuple[tuple[str, ...], tuple[Hold, ...]]:
+    """The inputs that move, and the holds of all alike to choose from; none where the hold is given."""
+    inputs = problem.model.explicit.flat.inputs
+    if options.hold is not None or not inputs:
+        return (), ()
+    names = moving_inputs(problem.experiments, [one.name for one in inputs])
+    asked = possible_holds(problem.experiments, names, _needs_slopes(problem))
+    if not follows_curves(problem.model.explicit):
+        asked = tuple(hold for hold in asked if hold != SMOOTH)
+    return names, asked
 
 
 def with_other_hold(
@@ -226,12 +238,12 @@ def with_other_hold(
     """A hold that was not taken, and z, where a short fit from the end of a search with
     it is likelier than that: far from the truth, holds are compared by what none explains. All inputs are
     turned, and one alone. None where the hold is given, or right. Shapes: z (n_z,)."""
-    explicit = problem.model.explicit
-    if options.hold is not None or not explicit.flat.inputs or _needs_slopes(problem):
+    names, asked = _asked_holds(problem, options)
+    if len(asked) < 2:
         return None
     ends = {problem.hold: found}
-    first = tuple(dict.fromkeys([problem.hold, *HOLDS]))
-    best = ranked_holds(_moving(problem), _short_fits(problem, found.z, ends), first)[0]
+    first = tuple(dict.fromkeys([problem.hold, *asked]))
+    best = ranked_holds(names, _short_fits(problem, found.z, ends), first)[0]
     return None if best == problem.hold else (best, ends[best].z)
 
 

@@ -23,7 +23,7 @@ from daest.estimation.online import checked_arrays
 from daest.estimation.ukf import run_ukf
 from daest.model.estimates import Estimate, InitialState, Sample
 from daest.model.flat import Dynamics, ExplicitModel
-from daest.model.holds import Hold
+from daest.model.holds import Hold, causal_hold
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import Mode, settled_start
 from daest.systems.initialize import initial_point
@@ -214,6 +214,7 @@ def online_gaussian(
     discrete = discrete_names(explicit)
     names, units = (*names, *discrete), {**units, **dict.fromkeys(discrete, "")}
     notes = (*notes, MODES_FOLLOWED) if has_events else notes
+    hold = causal_hold(hold)
     first = GaussianMemory(
         float("nan"), period, np.zeros(len(explicit.flat.inputs)), start.mean, start.cov, 0.0, np.zeros(0)
     )

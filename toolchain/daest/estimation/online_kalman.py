@@ -21,7 +21,7 @@ from daest.estimation.kalman import reference_start
 from daest.estimation.online import checked_arrays
 from daest.estimation.stationary import stationary_filter, without_unseen
 from daest.model.estimates import Estimate, FilterKind, InitialState, Sample
-from daest.model.holds import Hold
+from daest.model.holds import Hold, causal_hold
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.gaussian import undetermined
 from daest.numerics.riccati import forgetting
@@ -281,13 +281,14 @@ def online_kalman(
     """The filter of `model` with all its outputs, for steps of about `period` [s].
 
     `intensity` (n_w,) or (n_w, n_w), `measurement_cov` (n_y,) or (n_y, n_y); `initial` None is an unknown
-    start, and zero for the stationary kind. `units`: of the variables by name. Errors of
-    `stationary_filter`, `sample` and `kalman_filter`.
+    start, and zero for the stationary kind. `units`: of the variables by name. Smooth inputs run
+    straight, since later samples are not known. Errors of `stationary_filter`, `sample` and `kalman_filter`.
     """
     intensity = square(intensity, len(model.noise_names))
     measurement_cov = square(measurement_cov, len(model.output_names))
     direct = model.H @ intensity @ model.H.T
     noise: Literal["white", "held"] = "held" if np.any(np.diagonal(direct) > 0.0) else "white"
+    hold = causal_hold(hold)
     nominal = sample(model, period, hold, intensity, measurement_cov, noise)
     first, scale = _first(model, nominal, kind, initial)
     names, rows = variable_rows(model)

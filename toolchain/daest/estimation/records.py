@@ -13,6 +13,7 @@ from daest.errors import DataError
 from daest.estimation.gates import FIT
 from daest.model.experiment import Experiment
 from daest.model.flat import Model
+from daest.model.holds import FOH, Hold, resampled
 from daest.model.linear import StateSpaceFamily
 from daest.systems.state_space import stacked_inputs
 
@@ -51,16 +52,16 @@ class Record:
         return bool(np.all(self.observed))
 
 
-def make_record(experiment: Experiment, family: StateSpaceFamily) -> Record:
-    """A recording `in_model_order`, ready for a linear predictor.
+def make_record(experiment: Experiment, family: StateSpaceFamily, hold: Hold = FOH) -> Record:
+    """A recording `in_model_order`, ready for a linear predictor of a `family_for` that hold.
 
     Steps that are multiples of the shortest one (dropped rows) give a uniform grid: inputs are straight lines
-    between samples, and the added grid points have no outputs.
+    between samples, or smooth, and the added grid points have no outputs.
     """
     inputs, outputs = experiment.inputs, experiment.outputs
     time, recorded, period = _grid(experiment)
     if len(time) != experiment.n_samples:
-        inputs = np.column_stack([np.interp(time, experiment.time, column) for column in inputs.T])
+        inputs = resampled(inputs, experiment.time, time, hold)
         filled = np.full((len(time), outputs.shape[1]), np.nan)
         filled[recorded] = outputs
         outputs = filled
@@ -68,7 +69,7 @@ def make_record(experiment: Experiment, family: StateSpaceFamily) -> Record:
     return Record(
         name=experiment.name,
         time=time,
-        inputs=stacked_inputs(inputs, time, family.input_derivatives),
+        inputs=stacked_inputs(inputs, time, family.input_derivatives, hold),
         outputs=np.where(observed, outputs, 0.0),
         observed=observed,
         period=period,

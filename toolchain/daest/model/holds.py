@@ -1,8 +1,9 @@
 """What inputs do between their samples.
 
 A `Hold` is a word: `zoh`, all inputs keep their value until the next sample; `foh`, all run on straight lines
-from sample to sample; `zoh(P, valve)`, those named keep their value and all others run straight. A heating
-that a relay switches beside an outside temperature is of the third kind.
+from sample to sample; `smooth`, all run on the cubic spline through their samples; `zoh(P, valve)`, those
+named keep their value and all others run straight. A heating that a relay switches beside an outside
+temperature is of the last kind, the road under a car that is sampled a few times in every wave is smooth.
 """
 
 from __future__ import annotations
@@ -20,7 +21,10 @@ Hold: TypeAlias = str
 
 ZOH: Hold = "zoh"
 FOH: Hold = "foh"
+SMOOTH: Hold = "smooth"
 HOLDS: tuple[Hold, Hold] = (FOH, ZOH)
+"""Those of all inputs alike that any recording may have."""
+ALIKE = (*HOLDS, SMOOTH)
 """Those of all inputs alike."""
 
 _MIXED = re.compile(r"zoh\(\s*(.+?)\s*\)")
@@ -33,7 +37,7 @@ def held_inputs(hold: Hold, names: Sequence[str]) -> np.ndarray:
     >>> held_inputs("zoh(P)", ("P", "T_outside")).tolist()
     [True, False]
     """
-    if hold in HOLDS:
+    if hold in ALIKE:
         return np.full(len(names), hold == ZOH)
     named = _named(hold)
     return np.array([name in named for name in names], dtype=bool)
@@ -59,6 +63,37 @@ def interval_ends(inputs: np.ndarray, hold: Hold, names: Sequence[str]) -> np.nd
     return np.where(held_inputs(hold, [*names, *[""] * unnamed]), inputs[:-1], inputs[1:])
 
 
+def spline_slopes(inputs: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """The slopes (n_samples, n_u) of the cubic splines through inputs (n_samples, n_u) at their samples,
+    whose third derivatives are continuous at the last samples but one (`not-a-knot`)."""
+    from scipy.interpolate import CubicSpline
+
+    if inputs.shape[0] < 2 or not inputs.shape[1]:
+        return np.zeros(inputs.shape)
+    return CubicSpline(time, inputs)(time, 1)
+
+
+def resampled(inputs: np.ndarray, time: np.ndarray, at: np.ndarray, hold: Hold) -> np.ndarray:
+    """Inputs (n_samples, n_u) between their samples at the times `at` (n_at,): on splines where they are
+    smooth, else on straight lines."""
+    from scipy.interpolate import CubicSpline
+
+    if hold == SMOOTH and inputs.shape[0] > 1 and inputs.shape[1]:
+        return CubicSpline(time, inputs)(at)
+    columns = [np.interp(at, time, column) for column in inputs.T]
+    return np.column_stack(columns) if columns else np.zeros((at.size, 0))
+
+
+def causal_hold(hold: Hold) -> Hold:
+    """The hold of a filter that runs along a stream: a spline needs later samples, straight lines only the
+    next one.
+
+    >>> causal_hold("smooth")
+    'foh'
+    """
+    return FOH if hold == SMOOTH else hold
+
+
 def hold_text(hold: Hold) -> str:
     """What the inputs do, as part of a sentence.
 
@@ -69,6 +104,8 @@ def hold_text(hold: Hold) -> str:
         return "the inputs are held between the samples"
     if hold == FOH:
         return "the inputs run straight between the samples"
+    if hold == SMOOTH:
+        return "the inputs run on smooth curves through the samples"
     named = _named(hold)
     are = "is" if len(named) == 1 else "are"
     return f"{' and '.join(named)} {are} held between the samples and the other inputs run straight"
@@ -76,12 +113,12 @@ def hold_text(hold: Hold) -> str:
 
 def is_hold(value: str) -> bool:
     """Whether a word has the form of a hold."""
-    return value in HOLDS or _MIXED.fullmatch(value) is not None
+    return value in ALIKE or _MIXED.fullmatch(value) is not None
 
 
 def checked_hold(hold: Hold | None, names: Sequence[str], where: str = "hold") -> Hold | None:
     """The hold in its shortest form. Raises ConfigError `option-hold` where it names what is no input."""
-    if hold is None or hold in HOLDS:
+    if hold is None or hold in ALIKE:
         return hold
     named = _named(hold)
     if not named:
@@ -89,7 +126,8 @@ def checked_hold(hold: Hold | None, names: Sequence[str], where: str = "hold") -
             "option-hold",
             f"`{hold}` is no hold of inputs",
             where=where,
-            remedy="Write zoh (held), foh (straight lines), or zoh(NAME, ...) for those that are held.",
+            remedy="Write zoh (held), foh (straight lines), smooth (curves), or zoh(NAME, ...) for those "
+            "that are held.",
         )
     for name in named:
         if name not in names:

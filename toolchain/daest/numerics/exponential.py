@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,42 +30,55 @@ OVERFLOWING = np.errstate(over="ignore", invalid="ignore")
 
 @dataclass(frozen=True)
 class TransitionIntegrals:
-    """Φ = e^(A T), first = ∫₀ᵀ e^(A s) ds and second = ∫₀ᵀ e^(A (T-s)) s ds / T; each (..., n, n)."""
+    """Φ = e^(A T), first = ∫₀ᵀ e^(A s) ds and second = ∫₀ᵀ e^(A (T-s)) s ds / T; each (..., n, n). `more`
+    are those of (s/T)² and (s/T)³ instead of s/T, where they were asked for."""
 
     transition: np.ndarray
     first: np.ndarray
     second: np.ndarray
+    more: tuple[np.ndarray, ...] = ()
+
+
+STRAIGHT = 2  # integrals that inputs on straight lines take
+CUBIC = 4  # those that inputs on cubic curves take
 
 
 @OVERFLOWING
-def transition_integrals(A: np.ndarray, period: float) -> TransitionIntegrals:
-    """Φ and its two integrals over `period` [s] for A (n, n) [1/s]; NaN where A is not finite."""
+def transition_integrals(A: np.ndarray, period: float, count: int = STRAIGHT) -> TransitionIntegrals:
+    """Φ and its first `count` integrals over `period` [s] for A (n, n) [1/s]; NaN where A is not finite."""
     if not np.all(np.isfinite(A)):
-        return TransitionIntegrals(*(np.full(A.shape, np.nan) for _ in range(3)))
+        return _packed([np.full(A.shape, np.nan) for _ in range(count + 1)])
     scaled, size = balanced(A)
     if A.shape[0] >= LARGE:
-        found = _doubled_integrals(scaled, period)
+        found = _doubled_integrals(scaled, period, count)
     else:
-        found = _unpack(expm(_augmented(scaled * period)), A.shape[0], period)
+        found = _unpack(expm(_augmented(scaled * period, count)), A.shape[0], period, count)
     return _in_units(found, size)
 
 
 @OVERFLOWING
-def transition_integral_derivatives(A: np.ndarray, dA: np.ndarray, period: float) -> TransitionIntegrals:
+def transition_integral_derivatives(
+    A: np.ndarray, dA: np.ndarray, period: float, count: int = STRAIGHT
+) -> TransitionIntegrals:
     """Derivatives of `transition_integrals` in the directions dA (p, n, n); every field is (p, n, n),
     and NaN where A is not finite."""
     if not np.all(np.isfinite(A)):
-        return TransitionIntegrals(*(np.full(dA.shape, np.nan) for _ in range(3)))
+        return _packed([np.full(dA.shape, np.nan) for _ in range(count + 1)])
     n, (scaled, size) = A.shape[0], balanced(A)
-    direction = np.zeros((dA.shape[0], 3 * n, 3 * n))
+    direction = np.zeros((dA.shape[0], (count + 1) * n, (count + 1) * n))
     direction[:, :n, :n] = dA * size / size[:, None] * period
-    return _in_units(_unpack(_frechet(_augmented(scaled * period), direction), n, period), size)
+    change = _frechet(_augmented(scaled * period, count), direction)
+    return _in_units(_unpack(change, n, period, count), size)
 
 
-def _in_units(found: TransitionIntegrals, size: np.ndarray) -> TransitionIntegrals:
+def _packed(parts: Sequence[np.ndarray]) -> TransitionIntegrals:
+    transition, first, second, *more = parts
+    return TransitionIntegrals(transition, first, second, tuple(more))
+
+
+def _in_units(parts: Sequence[np.ndarray], size: np.ndarray) -> TransitionIntegrals:
     """For x = size · z, from those of z."""
-    parts = (found.transition, found.first, found.second)
-    return TransitionIntegrals(*(size[:, None] * part / size for part in parts))
+    return _packed([size[:, None] * part / size for part in parts])
 
 
 @OVERFLOWING
@@ -129,28 +143,32 @@ def _covariance_derivatives(
     return (dcovariance + _transposed(dcovariance)) / 2
 
 
-def _doubled_integrals(A: np.ndarray, period: float) -> TransitionIntegrals:
-    """Series over a short step h, where A may be sparse, and Φ(2h) = Φ², I(2h) = I + Φ I, R(2h) = R + Φ R +
-    h I for I = ∫ e^(A s) ds and R = ∫ e^(A (h-s)) s ds."""
-    n = A.shape[0]
+def _doubled_integrals(A: np.ndarray, period: float, count: int) -> list[np.ndarray]:
+    """Φ and R_p / T^p for R_p = ∫ e^(A (h-s)) s^p ds: series over a short step h, where A may be sparse, then
+    Φ(2h) = Φ² and R_p(2h) = Φ R_p + Σ_k binom(p, k) h^(p-k) R_k."""
     doublings, step = _doublings(A, period)
-    first, second = _phi(sp.csr_array(A * step), n)
-    whole, ramp = step * first, step**2 * second
-    transition = np.eye(n) + A @ whole
+    phis = _phi(sp.csr_array(A * step), A.shape[0], count)
+    found = [math.factorial(p) * step ** (p + 1) * phi for p, phi in enumerate(phis)]
+    transition = np.eye(A.shape[0]) + A @ found[0]
     for _ in range(doublings):
-        ramp = ramp + transition @ ramp + step * whole
-        whole = whole + transition @ whole
+        found = [
+            transition @ whole + sum(math.comb(p, k) * step ** (p - k) * found[k] for k in range(p + 1))
+            for p, whole in enumerate(found)
+        ]
         transition = transition @ transition
         step *= 2.0
-    return TransitionIntegrals(transition, whole, ramp / period)
+    return [transition, *(whole / period**p for p, whole in enumerate(found))]
 
 
-def _phi(At: sp.csr_array, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """φ1 = Σ M^k / (k+1)! and φ2 = Σ M^k / (k+2)! of a small M (n, n)."""
-    second = np.zeros((n, n))
-    for k in range(TERMS, 1, -1):  # Horner: φ2 = (I + M/3 (I + M/4 (…))) / 2
-        second = (np.eye(n) + At @ second) / k
-    return np.eye(n) + At @ second, second
+def _phi(At: sp.csr_array, n: int, count: int = STRAIGHT) -> list[np.ndarray]:
+    """φ_p = Σ M^k / (k+p)! of a small M (n, n) for p = 1 … count."""
+    last = np.zeros((n, n))
+    for k in range(TERMS, count - 1, -1):  # Horner: φ2 = (I + M/3 (I + M/4 (…))) / 2
+        last = (np.eye(n) + At @ last) / k
+    found = [last / math.factorial(count - 1)]
+    for p in range(count - 1, 0, -1):
+        found.insert(0, np.eye(n) / math.factorial(p) + At @ found[0])
+    return found
 
 
 def _factor(Q: np.ndarray) -> np.ndarray:
@@ -197,19 +215,19 @@ def _shortened(columns: np.ndarray) -> np.ndarray:
     return size * left[:, kept] * values[kept]
 
 
-def _augmented(At: np.ndarray) -> np.ndarray:
-    """[[A T, I, 0], [0, 0, I], [0, 0, 0]]: its exponential holds Φ and both integrals divided by T."""
+def _augmented(At: np.ndarray, count: int) -> np.ndarray:
+    """[[A T, I, 0], [0, 0, I], [0, 0, 0]] for a count of 2: its exponential holds Φ and φ_p(A T)."""
     n = At.shape[0]
-    block = np.zeros((3 * n, 3 * n))
+    block = np.zeros(((count + 1) * n, (count + 1) * n))
+    block[: count * n, n:] = np.eye(count * n)
     block[:n, :n] = At
-    block[:n, n : 2 * n] = np.eye(n)
-    block[n : 2 * n, 2 * n :] = np.eye(n)
     return block
 
 
-def _unpack(block: np.ndarray, n: int, period: float) -> TransitionIntegrals:
-    first, second = block[..., :n, n : 2 * n], block[..., :n, 2 * n :]
-    return TransitionIntegrals(block[..., :n, :n], period * first, period * second)
+def _unpack(block: np.ndarray, n: int, period: float, count: int) -> list[np.ndarray]:
+    """Φ and the integrals T p! φ_(p+1)."""
+    top = [block[..., :n, p * n : (p + 1) * n] for p in range(count + 1)]
+    return [top[0], *(period * math.factorial(p) * phi for p, phi in enumerate(top[1:]))]
 
 
 def _van_loan(A: np.ndarray, Q: np.ndarray, step: float) -> np.ndarray:

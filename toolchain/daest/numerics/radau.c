@@ -83,15 +83,16 @@ typedef struct {
   double **res;
 } Model;
 
-/* u is linear between the two ends of a sample interval. */
+/* u is linear between the two ends of a sample interval; bent (2 x NU, or null) curves it between them. */
 typedef struct {
   double t0, t1;
-  const double *u0, *u1;
+  const double *u0, *u1, *bent;
 } Interval;
 
 static void input_at(const Interval *s, double t, double *u) {
   double r = (t - s->t0) / (s->t1 - s->t0);
   for (int i = 0; i < NU; ++i) u[i] = s->u0[i] + r * (s->u1[i] - s->u0[i]);
+  for (int i = 0; i < NU && s->bent; ++i) u[i] += r * (1.0 - r) * (s->bent[i] + r * s->bent[NU + i]);
 }
 
 static int call(int (*function)(const double **, double **, casadi_int *, double *, int), Model *m,
@@ -1085,7 +1086,7 @@ static void release(Work *k, Model *m, double *S) {
 }
 
 /* What daest_simulate and daest_follow share. */
-static int run(long n, const double *time, const double *u0, const double *u1, const double *u_last,
+static int run(long n, const double *time, const double *u0, const double *u1, const double *u_last, const double *bent,
                const double *theta, const double *x0, int directions, int by_parameter, const double *S0,
                const double *y, const double *gain, long gain_stride, const double *gain_slopes, int by_gain, double rtol, const double *atol, long max_steps, double *states,
                double *predicted, double *sens, long *steps, double *reached, const double *side, double *flags,
@@ -1131,7 +1132,7 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
       if (status) break;
 #endif
       if (i + 1 == n) break;
-      Interval s = {time[i], time[i + 1], u0 + i * NU, u1 + i * NU};
+      Interval s = {time[i], time[i + 1], u0 + i * NU, u1 + i * NU, bent ? bent + i * 2 * NU : 0};
       int jumped = 0;
       for (int q = 0; q < NU; ++q) jumped |= i > 0 && s.u0[q] != u1[(i - 1) * NU + q];
       if (jumped) k->last_h = 0; /* the old collocation polynomial is a poor start */
@@ -1152,18 +1153,19 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
 }
 
 /* Solution over n samples. u0, u1: (n-1) x NU inputs at the two ends of each interval; u_last: NU, input at the
- * last sample. x0 (NX). The directions of sensitivities are by_parameter chosen parameters (daest_n_chosen or 0), the NX initial
+ * last sample; bent: (n-1) x 2 x NU, a and b of the share r (1 - r) (a + b r) by which inputs leave the straight line
+ * at the part r of an interval, or null. x0 (NX). The directions of sensitivities are by_parameter chosen parameters (daest_n_chosen or 0), the NX initial
  * values, and by_gain changes of the gain, gain_slopes (by_gain x NX x NY); S0: NX x directions row-major, or null. y: n x NY
  * (NaN: missing) and gain: NX x NY, advanced by gain_stride per sample, or null. Out: states n x NX before correction; predicted n x NY; sens
  * n x NY x directions of `predicted`, or null; steps; reached: {time, step that was to come next, not zero where
  * another thread wants an end}; seen (n x NT): the tears from which the loops at each sample are solved. Returns a
  * code above. */
 int daest_simulate(long n, const double *time, const double *u0, const double *u1, const double *u_last,
-                   const double *theta, const double *x0, int directions, int by_parameter, const double *S0,
+                   const double *bent, const double *theta, const double *x0, int directions, int by_parameter, const double *S0,
                    const double *y, const double *gain, long gain_stride, const double *gain_slopes, int by_gain,
                    double rtol, const double *atol, long max_steps, double *states, double *predicted, double *sens,
                    long *steps, double *reached, double *seen) {
-  return run(n, time, u0, u1, u_last, theta, x0, directions, by_parameter, S0, y, gain, gain_stride, gain_slopes, by_gain,
+  return run(n, time, u0, u1, u_last, bent, theta, x0, directions, by_parameter, S0, y, gain, gain_stride, gain_slopes, by_gain,
              rtol, atol, max_steps, states, predicted, sens, steps, reached, 0, 0, 0, 0, 0, 0, seen);
 }
 
@@ -1177,6 +1179,6 @@ int daest_follow(long n, const double *time, const double *u0, const double *u1,
                  const double *atol, long max_steps, const double *side, double *states, double *predicted, double *sens,
                  long *steps, double *reached, double *flags, long *done, double *x_end, double *S_end,
                  double *tears, double *seen) {
-  return run(n, time, u0, u1, u_last, theta, x0, directions, daest_n_chosen, S0, 0, 0, 0, 0, 0, rtol, atol, max_steps, states, predicted,
+  return run(n, time, u0, u1, u_last, 0, theta, x0, directions, daest_n_chosen, S0, 0, 0, 0, 0, 0, rtol, atol, max_steps, states, predicted,
              sens, steps, reached, side, flags, done, x_end, S_end, tears, seen);
 }

@@ -1,7 +1,8 @@
 """Steps of an affine model over sample intervals of one length: exact, with exact slopes, however fast it is.
 
 x[k+1] = Φ x[k] + I (B u0[k] + b) + R B (u1[k] - u0[k]) and y = C x + D u + d, where u0 and u1 are the inputs
-at the two ends of an interval: Φ = e^(A T), I = ∫₀ᵀ e^(A s) ds and R = ∫₀ᵀ e^(A (T-s)) s ds / T. Where a gain
+at the two ends of an interval: Φ = e^(A T), I = ∫₀ᵀ e^(A s) ds and R = ∫₀ᵀ e^(A (T-s)) s ds / T. Inputs that
+leave the straight line by r (1 - r) (a + b r) at r = s/T add the integrals with that factor. Where a gain
 corrects every state first, x + K e with e = y measured - y, the matrix of the recursion is Φ (1 - K C).
 """
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from daest.model.linear import StateSpace, StateSpaceFamily
 from daest.numerics.exponential import (
+    STRAIGHT,
     TransitionIntegrals,
     transition_integral_derivatives,
     transition_integrals,
@@ -25,11 +27,12 @@ from daest.systems.state_space import state_space, state_space_derivatives
 @dataclass(frozen=True)
 class DrivenBy:
     """At the start and the end of every interval, `start` and `end` (n_samples - 1, n_ū), and at the samples
-    (n_samples, n_ū)."""
+    (n_samples, n_ū); `bent` (n_samples - 1, 2, n_ū) are a and b."""
 
     start: np.ndarray
     end: np.ndarray
     sampled: np.ndarray
+    bent: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -96,22 +99,28 @@ class AffineSteps:
 
     @staticmethod
     def _driven(integrals: TransitionIntegrals, B: np.ndarray, b: np.ndarray, inputs: DrivenBy) -> np.ndarray:
-        """I (B u0 + b) + R B (u1 - u0), (..., n_steps, n), linear in the integrals and in (B, b): either may
-        have a leading axis of derivatives."""
+        """I (B u0 + b) + R B (u1 - u0) and what bends add, (..., n_steps, n), linear in the integrals and in
+        (B, b): either may have a leading axis of derivatives."""
         offset = (integrals.first @ b[..., None])[..., 0]
         held = inputs.start @ _turned(integrals.first @ B) + offset[..., None, :]
-        return held + (inputs.end - inputs.start) @ _turned(integrals.second @ B)
+        straight = held + (inputs.end - inputs.start) @ _turned(integrals.second @ B)
+        if inputs.bent is None:
+            return straight
+        square, cube = integrals.more
+        a, b_r = inputs.bent[:, 0], inputs.bent[:, 1]
+        curved = a @ _turned((integrals.second - square) @ B) + b_r @ _turned((square - cube) @ B)
+        return np.asarray(straight + curved)
 
 
 def affine_steps(
-    family: StateSpaceFamily, theta: np.ndarray, names: Sequence[str], period: float
+    family: StateSpaceFamily, theta: np.ndarray, names: Sequence[str], period: float, count: int = STRAIGHT
 ) -> AffineSteps:
     """The steps at theta (n_theta,) with derivatives by the parameters `names`; not finite where the rates
-    are beyond all numbers."""
+    are beyond all numbers. `count`: integrals that the inputs take, STRAIGHT or CUBIC."""
     ss = state_space(family, theta)
     by_theta = state_space_derivatives(family, theta, names)
-    integrals = transition_integrals(ss.A, period)
-    change = transition_integral_derivatives(ss.A, by_theta["A"], period)
+    integrals = transition_integrals(ss.A, period, count)
+    change = transition_integral_derivatives(ss.A, by_theta["A"], period, count)
     return AffineSteps(ss, integrals, by_theta, change)
 
 

@@ -4,7 +4,7 @@ The method is Radau IIA (order 5, L-stable). With a C compiler it runs as `radau
 the model's CasADi functions, with adaptive steps. Without one, CasADi's collocation integrator interprets the
 same method with a fixed number of steps per sample interval: slower, and less exact where the model is stiff.
 An affine model on a uniform time grid is sampled exactly instead (`affine_steps`), at a fraction of the work.
-Between samples the inputs are held (zoh) or run straight (foh).
+Between samples the inputs are held (zoh), run straight (foh) or on cubic curves (smooth).
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ import numpy as np
 
 from daest.errors import FmuError, ModelError
 from daest.model.flat import Dynamics, ExplicitModel, events_refused
-from daest.model.holds import Hold, held_inputs, interval_ends
+from daest.model.holds import SMOOTH, Hold, held_inputs, interval_ends, spline_slopes
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.compiler import MOST_LINES, build_object, build_shared, effort, processor_flags
+from daest.numerics.exponential import CUBIC, STRAIGHT
 from daest.numerics.projection import pull
 from daest.numerics.watched import watched
 from daest.systems.affine_steps import DrivenBy, Gain, affine_steps
@@ -97,6 +98,7 @@ class Run:
     u0: np.ndarray
     u1: np.ndarray
     u_last: np.ndarray
+    bent: np.ndarray | None  # (n_samples - 1, 2, n_ū): see `input_bends`
     theta: np.ndarray
     x0: np.ndarray
     directions: int
@@ -495,10 +497,10 @@ def interval_inputs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """ū = (u, v) at the two ends of each sample interval, each (n_samples - 1, n_ū).
 
-    inputs (n_samples, n_u). A first derivative that the model needs is the slope of a foh input, and zero
-    for a held one. Raises ModelError `input-derivative-order` or `input-derivative-hold` where the model
-    moves, at `theta` (n_theta,; default: the values of the model), by a derivative that the hold does not
-    have.
+    inputs (n_samples, n_u). A first derivative that the model needs is the slope of a foh input, that of the
+    spline at the samples for a smooth one, and zero for a held one. Raises ModelError
+    `input-derivative-order` or `input-derivative-hold` where the model moves, at `theta`
+    (n_theta,; default: the values of the model), by a derivative that the hold does not have.
     """
     names = [one.name for one in explicit.flat.inputs]
     start, end = inputs[:-1], interval_ends(inputs, hold, names)
@@ -508,8 +510,34 @@ def interval_inputs(
     for derivative in acting_slopes(explicit, theta=theta):
         if derivative.order > 1 or held[derivative.index]:
             raise no_input_derivative(names[derivative.index], derivative.order, hold)
-    v = slopes[:, [d.index for d in explicit.input_derivatives]]
+    sources = [d.index for d in explicit.input_derivatives]
+    if hold == SMOOTH:
+        at_samples = spline_slopes(inputs[:, sources], time)
+        return np.hstack([start, at_samples[:-1]]), np.hstack([end, at_samples[1:]])
+    v = slopes[:, sources]
     return np.hstack([start, v]), np.hstack([end, v])
+
+
+def follows_curves(explicit: Dynamics) -> bool:
+    """Whether integrations of a model follow smooth inputs between their samples; FMUs and models with events
+    are driven straight."""
+    return isinstance(explicit, ExplicitModel) and explicit.flat.events is None
+
+
+def input_bends(explicit: Dynamics, time: np.ndarray, inputs: np.ndarray, hold: Hold) -> np.ndarray | None:
+    """a and b (n_samples - 1, 2, n_ū) of r (1 - r) (a + b r), by which ū leaves the straight line at the part
+    r of each interval; None where it does not. inputs (n_samples, n_u); those behind the inputs of the model
+    run straight."""
+    if hold != SMOOTH or time.size < 2:
+        return None
+    named, steps = len(explicit.flat.inputs), np.diff(time)[:, None]
+    slopes, rise = spline_slopes(inputs[:, :named], time), np.diff(inputs[:, :named], axis=0)
+    sources = [d.index for d in explicit.input_derivatives]
+    bent = np.zeros((time.size - 1, 2, inputs.shape[1] + len(sources)))
+    bent[:, 0, :named] = steps * slopes[:-1] - rise
+    bent[:, 1, :named] = 2.0 * rise - steps * (slopes[:-1] + slopes[1:])
+    bent[:, 0, inputs.shape[1] :] = 3.0 * bent[:, 1, sources] / steps  # of the derivative, a parabola
+    return bent
 
 
 def integrate(
@@ -543,6 +571,7 @@ def integrate(
     u0, u1 = interval_inputs(model.explicit, time, inputs, hold, theta)
     scale = np.ones(x0.shape[0]) if state_scale is None else np.maximum(np.abs(state_scale), 1e-30)
     u_last = inputs[-1:] if u1.shape[0] == 0 else np.hstack([inputs[-1:], u1[-1:, inputs.shape[1] :]])
+    bent = input_bends(model.explicit, time, inputs, hold)
     columns = (time, u0, u1, u_last, theta, x0)
     time, u0, u1, u_last, theta, x0 = (np.ascontiguousarray(a, dtype=float) for a in columns)
     n_parameters = len(model.names) if sensitivities and by_parameter else 0
@@ -551,7 +580,7 @@ def integrate(
     atol = rtol * atol_of_scale * scale
     most = search_steps(time.size) if max_steps is None else max_steps
     run = Run(
-        time, u0, u1, u_last, theta, x0, directions, n_parameters, n_gain,
+        time, u0, u1, u_last, bent, theta, x0, directions, n_parameters, n_gain,
         rtol, atol, scale, correction, most, tell,
     )  # fmt: skip
     made = model.trajectory(run)
@@ -591,7 +620,7 @@ def _run_radau(model: EquationIntegrator, run: Run) -> Trajectory:
         gain = np.ascontiguousarray(run.correction.gain, dtype=float)
         stride = gain[0].size if gain.ndim == 3 else 0
     arguments = (
-        ctypes.c_long(n), *map(pointer, (run.time, run.u0, run.u1, run.u_last, run.theta, run.x0)),
+        ctypes.c_long(n), *map(pointer, (run.time, run.u0, run.u1, run.u_last, run.bent, run.theta, run.x0)),
         ctypes.c_int(run.directions), ctypes.c_int(run.by_parameter), pointer(start),
         pointer(y), pointer(gain), ctypes.c_long(stride), pointer(slopes), ctypes.c_int(run.by_gain),
         ctypes.c_double(run.rtol), pointer(run.atol), ctypes.c_long(run.max_steps),
@@ -634,8 +663,8 @@ def _has_exact_steps(run: Run) -> bool:
 def _run_exactly(model: AffineIntegrator, run: Run) -> Trajectory:
     names = model.names[: run.by_parameter]
     period = float(run.time[-1] - run.time[0]) / (run.time.size - 1)
-    steps = affine_steps(model.family, run.theta, names, period)
-    inputs = DrivenBy(run.u0, run.u1, np.vstack([run.u0, run.u_last]))
+    steps = affine_steps(model.family, run.theta, names, period, STRAIGHT if run.bent is None else CUBIC)
+    inputs = DrivenBy(run.u0, run.u1, np.vstack([run.u0, run.u_last]), run.bent)
     given = run.correction
     gain = None if given is None else Gain(given.measurements, given.gain, given.slopes)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from daest.errors import DaestError, ModelError, NumericalError
 from daest.model.experiment import Experiment, Simulation
 from daest.model.flat import Dynamics, ExplicitModel, FlatModel, Model, events_refused
-from daest.model.holds import Hold, held_inputs, interval_ends
+from daest.model.holds import SMOOTH, Hold, held_inputs, interval_ends, spline_slopes
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.projection import pull
@@ -40,7 +40,7 @@ from daest.systems.linearize import has_affine_dynamics
 from daest.systems.modes import in_starting_mode
 from daest.systems.reduce import dynamics
 from daest.systems.redundant import good_everywhere, matching_states
-from daest.systems.state_space import sample, state_space, state_space_family
+from daest.systems.state_space import family_for, sample, stacked_inputs, state_space, state_space_family
 from daest.systems.switches import extended, with_switches
 from daest.systems.tolerances import SOLVER
 
@@ -90,9 +90,9 @@ def simulate(
     """States, outputs and all internal variables at the times of `recording`.
 
     `recording`: an Experiment whose inputs are used, or (time, inputs (n_samples, n_u)). `theta`: all
-    parameters (default: the model's values). `hold`: inputs constant or straight between samples; first
-    derivatives of inputs that the model needs are the slopes of foh. `x0`: all states, or start values of
-    variables by name, else the consistent initial point of the model.
+    parameters (default: the model's values). `hold`: inputs constant, straight or smooth between samples;
+    first derivatives of inputs that the model needs are the slopes of foh or of the smooth curves. `x0`: all
+    states, or start values of variables by name, else the consistent initial point of the model.
 
     States that follow affine laws are computed exactly by matrix exponentials; others by Radau IIA with
     adaptive steps at `rtol`. `noise` adds white noise with its intensity (`intensities` by name win over
@@ -220,8 +220,8 @@ def _inputs(flat: Model, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _slopes(explicit: Dynamics, time: np.ndarray, u: np.ndarray, theta: np.ndarray, hold: Hold) -> np.ndarray:
-    """Input derivatives v (n_samples, n_v): the slope of the interval that follows, at the end the last; zero
-    for a held input."""
+    """Input derivatives v (n_samples, n_v): the slope of the interval that follows, at the end the last; that
+    of the spline for a smooth input, zero for a held one."""
     held = held_inputs(hold, [one.name for one in explicit.flat.inputs])
     for derivative in acting_slopes(explicit, theta=theta):
         if derivative.order > 1 or held[derivative.index]:
@@ -229,6 +229,8 @@ def _slopes(explicit: Dynamics, time: np.ndarray, u: np.ndarray, theta: np.ndarr
     sources = [d.index for d in explicit.input_derivatives]
     if time.size < 2:
         return np.zeros((time.size, len(sources)))
+    if hold == SMOOTH:
+        return spline_slopes(u[:, sources], time)
     rates = np.diff(u[:, sources], axis=0) / np.diff(time)[:, None]
     rates[:, held[sources]] = 0.0
     return np.vstack([rates, rates[-1:]])
@@ -267,10 +269,11 @@ def _step_groups(steps: np.ndarray) -> list[tuple[float, np.ndarray]]:
 
 
 def _affine(task: _Task) -> tuple[np.ndarray, str]:
-    models = _discrete_models(task, _state_space(task), None)
+    ss = _state_space(task)
+    models, inputs = _discrete_models(task, ss, None), _inputs_of(ss, task)
     drives = np.empty((task.steps.size, task.x0.size))
     for model, part in models:
-        drives[part] = _drive(model, task, part)
+        drives[part] = _drive(model, inputs, part)
     return _run(models, drives, task.x0), f"matrix exponential, {task.hold}"
 
 
@@ -279,7 +282,7 @@ def _affine_noisy(
 ) -> tuple[np.ndarray, np.ndarray, str]:
     """States, mean noise of every interval, method. w̄ and the noise of the states are drawn jointly."""
     ss = _state_space(task)
-    models = _discrete_models(task, ss, intensity)
+    models, inputs = _discrete_models(task, ss, intensity), _inputs_of(ss, task)
     n_w, n_x = intensity.size, task.x0.size
     drives, w = np.empty((task.steps.size, n_x)), np.zeros((task.time.size, n_w))
     draws = rng.standard_normal((task.time.size, n_w + n_x))
@@ -288,7 +291,7 @@ def _affine_noisy(
         joint = np.block([[model.noise_cov, cross], [cross.T, model.process_cov]])
         noises = draws[part] @ _square_root(joint).T
         w[part] = noises[:, :n_w]
-        drives[part] = _drive(model, task, part) + noises[:, n_w:]
+        drives[part] = _drive(model, inputs, part) + noises[:, n_w:]
     if models:
         last = next(model for model, part in models if task.steps.size - 1 in part)
         w[-1] = draws[-1, :n_w] * np.sqrt(np.diag(last.noise_cov))
@@ -297,7 +300,7 @@ def _affine_noisy(
 
 
 def _state_space(task: _Task) -> StateSpace:
-    return state_space(state_space_family(task.explicit), task.theta)
+    return state_space(family_for(state_space_family(task.explicit), task.hold), task.theta)
 
 
 def _reaches_outputs(ss: StateSpace, intensity: np.ndarray) -> bool:
@@ -315,9 +318,15 @@ def _discrete_models(
     ]
 
 
-def _drive(model: DiscreteModel, task: _Task, part: np.ndarray) -> np.ndarray:
-    """Input part of the recursion for the intervals `part`, (n_part, n_states)."""
-    stacked = np.hstack([task.u, task.v])
+def _inputs_of(ss: StateSpace, task: _Task) -> np.ndarray:
+    """ū (n_samples, n_ū) of the state space of a task."""
+    if task.hold == SMOOTH:
+        return stacked_inputs(task.u, task.time, ss.input_derivatives, task.hold)
+    return np.hstack([task.u, task.v])
+
+
+def _drive(model: DiscreteModel, stacked: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Input part of the recursion for the intervals `part`, (n_part, n_states), of ū `stacked`."""
     return stacked[part] @ model.input_now.T + stacked[part + 1] @ model.input_next.T + model.drift
 
 

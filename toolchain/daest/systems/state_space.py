@@ -1,15 +1,15 @@
 """State-space matrices as functions of the parameters, sampled exactly, and their exact derivatives.
 
-StateSpace -> DiscreteModel as in report (43)-(45), (47): inputs between the samples are constant (zoh) or
-straight lines (foh). White noise is integrated exactly (Van Loan), or held over a sample as in (43) with the
-variance intensity/period that gives it the same power.
+StateSpace -> DiscreteModel as in report (43)-(45), (47): inputs between the samples are constant (zoh),
+straight lines (foh) or cubic curves (smooth). White noise is integrated exactly (Van Loan), or held over a
+sample as in (43) with the variance intensity/period that gives it the same power.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache, singledispatch
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial, singledispatch
 from typing import Any, Literal
 
 import casadi as ca
@@ -17,10 +17,12 @@ import numpy as np
 
 from daest.errors import ModelError
 from daest.model.flat import Dynamics, ExplicitModel, Model
-from daest.model.holds import ZOH, Hold, held_inputs
+from daest.model.holds import FOH, SMOOTH, ZOH, Hold, held_inputs, spline_slopes
 from daest.model.linear import DiscreteModel, StateSpace, StateSpaceFamily
 from daest.near import near_names
 from daest.numerics.exponential import (
+    CUBIC,
+    STRAIGHT,
     TransitionIntegrals,
     covariance_integral,
     covariance_integral_derivatives,
@@ -70,16 +72,18 @@ def sample(
 
     An input derivative of order 1 is, with foh, the slope of the interval; its effect on the states is
     moved into the columns of the input, and the columns of the derivative in Γ0 and Γ1 are zero. In y = D
-    ū its column stays: ū comes from `stacked_inputs`. Errors (ModelError): `input-derivative-order`,
+    ū its column stays: ū comes from `stacked_inputs`. With smooth inputs, cubic curves between values and
+    slopes, ū has the slopes of all of them (`space_for`). Errors (ModelError): `input-derivative-order`,
     `input-derivative-hold`, `output-white-noise`.
 
         >>> daest.sample(ss, 0.01, "zoh").transition.shape
         (4, 4)
     """
     _check_input_derivatives(ss, hold)
+    ss = space_for(ss, hold)
     intensity = _square(process_intensity, ss.G.shape[1])
     _check_direct_noise(ss, intensity, noise)
-    integrals = transition_integrals(ss.A, period)
+    integrals = transition_integrals(ss.A, period, integral_count(hold))
     now, following = _input_matrices(ss.B, integrals, ss, period, hold)
     noise_cov = intensity / period
     held = integrals.first @ ss.G
@@ -127,8 +131,9 @@ def sample_derivatives(
     p, n_w = dA.shape[0], ss.G.shape[1]
     intensity = _square(process_intensity, n_w)
     dW = np.zeros((p, n_w, n_w)) if intensity_derivatives is None else intensity_derivatives
-    integrals = transition_integrals(ss.A, period)
-    change = transition_integral_derivatives(ss.A, dA, period)
+    count = integral_count(hold)
+    integrals = transition_integrals(ss.A, period, count)
+    change = transition_integral_derivatives(ss.A, dA, period, count)
     now, following = _input_matrices(ss.B, change, ss, period, hold)
     now_b, following_b = _input_matrices(dB, integrals, ss, period, hold)
     held, dheld = integrals.first @ ss.G, change.first @ ss.G + integrals.first @ dG
@@ -156,23 +161,36 @@ def sample_derivatives(
 
 
 def stacked_inputs(
-    inputs: np.ndarray, time: np.ndarray, input_derivatives: tuple[tuple[int, int], ...]
+    inputs: np.ndarray,
+    time: np.ndarray,
+    input_derivatives: tuple[tuple[int, int], ...],
+    hold: Hold = FOH,
 ) -> np.ndarray:
-    """ū = (u, v) (n_samples, n_u + n_v): v are slopes of the inputs by central differences over `time`
-    [s].
+    """ū = (u, v) (n_samples, n_u + n_v): v are slopes of the inputs over `time` [s], of splines where they
+    are smooth, else by central differences.
     """
     if not input_derivatives:
         return inputs
     if len(time) < 2:
         return np.hstack([inputs, np.zeros((len(time), len(input_derivatives)))])
-    slopes = np.column_stack([np.gradient(inputs[:, i], time) for i, _ in input_derivatives])
+    sources = [i for i, _ in input_derivatives]
+    if hold == SMOOTH:
+        return np.hstack([inputs, spline_slopes(inputs, time)[:, sources]])
+    slopes = np.column_stack([np.gradient(inputs[:, i], time) for i in sources])
     return np.hstack([inputs, slopes])
+
+
+def integral_count(hold: Hold) -> int:
+    """How many integrals of the transition matrix the inputs between samples take."""
+    return CUBIC if hold == SMOOTH else STRAIGHT
 
 
 def _input_matrices(
     B: np.ndarray, integrals: TransitionIntegrals, ss: StateSpace, period: float, hold: Hold
 ) -> tuple[np.ndarray, np.ndarray]:
     """Γ0 and Γ1 for B (..., n, n_ū); linear in B and in `integrals`, so it serves derivatives as well."""
+    if hold == SMOOTH:
+        return _smooth_matrices(B, integrals, ss, period)
     whole = integrals.first @ B
     if hold == ZOH:
         return whole, np.zeros_like(whole)
@@ -185,6 +203,32 @@ def _input_matrices(
         now[..., source] -= whole[..., column] / period
         following[..., source] += whole[..., column] / period
         now[..., column] = following[..., column] = 0.0
+    return now, following
+
+
+def _smooth_matrices(
+    B: np.ndarray, integrals: TransitionIntegrals, ss: StateSpace, period: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Γ0 and Γ1 of inputs on cubic curves between their values and slopes at the samples (Hermite): with r
+    from 0 to 1, u = (1 - 3r² + 2r³) u0 + (r - 2r² + r³) T u̇0 + (3r² - 2r³) u1 + (r³ - r²) T u̇1, and its
+    derivative where the model needs that."""
+    n_u = B.shape[-1] - len(ss.input_derivatives)
+    constant, linear, square, cube = (
+        whole @ B for whole in (integrals.first, integrals.second, *integrals.more)
+    )
+    rise = 3.0 * square - 2.0 * cube
+    now, following = np.zeros_like(constant), np.zeros_like(constant)
+    now[..., :n_u], following[..., :n_u] = (constant - rise)[..., :n_u], rise[..., :n_u]
+    slope_now, slope_next = period * (linear - 2.0 * square + cube), period * (cube - square)
+    by_rate = 6.0 * (linear - square) / period
+    rate_now, rate_next = constant - 4.0 * linear + 3.0 * square, 3.0 * square - 2.0 * linear
+    for column, (source, order) in enumerate(ss.input_derivatives, start=n_u):
+        if order > 1:
+            continue
+        now[..., column] = slope_now[..., source] + rate_now[..., column]
+        following[..., column] = slope_next[..., source] + rate_next[..., column]
+        now[..., source] -= by_rate[..., column]
+        following[..., source] += by_rate[..., column]
     return now, following
 
 
@@ -222,6 +266,64 @@ def _check_direct_noise(ss: StateSpace, intensity: np.ndarray, noise: Noise) -> 
             where=output,
             remedy="hold the noise over a sample (noise = held), or filter it before it reaches the output",
         )
+
+
+def family_for(family: StateSpaceFamily, hold: Hold) -> StateSpaceFamily:
+    """The family whose inputs ū suit a hold: for smooth inputs the first derivatives of all are among them,
+    by most of which nothing moves."""
+    added = _lacking(family.input_derivatives, len(family.inputs)) if hold == SMOOTH else ()
+    if not added:
+        return family
+    derivatives = family.derivatives
+    return replace(
+        family,
+        input_derivatives=family.input_derivatives + added,
+        matrices=_padded(family.matrices, len(added)),
+        derivatives=None if derivatives is None else partial(_padded_derivatives, derivatives, len(added)),
+    )
+
+
+def space_for(ss: StateSpace, hold: Hold) -> StateSpace:
+    """The state space whose inputs ū suit a hold, as `family_for`."""
+    added = _lacking(ss.input_derivatives, len(ss.input_names)) if hold == SMOOTH else ()
+    if not added:
+        return ss
+    B, D, U = (np.pad(m, ((0, 0), (0, len(added)))) for m in (ss.B, ss.D, ss.U))
+    return replace(ss, input_derivatives=ss.input_derivatives + added, B=B, D=D, U=U)
+
+
+def _lacking(known: tuple[tuple[int, int], ...], n_u: int) -> tuple[tuple[int, int], ...]:
+    """The first derivatives of n_u inputs that are not among those known."""
+    return tuple((i, 1) for i in range(n_u) if (i, 1) not in known)
+
+
+DRIVEN = ("B", "D", "U")  # the matrices with a column for each of ū
+
+
+@lru_cache(maxsize=32)
+def _padded(matrices: ca.Function, count: int) -> ca.Function:
+    """The matrices with so many columns of zeros behind those of ū."""
+    kind: Any = ca.SX if matrices.is_a("SXFunction") else ca.MX
+    theta = kind.sym("theta", matrices.size1_in(0))
+    found = [
+        ca.horzcat(m, kind.zeros(m.size1(), count)) if name in DRIVEN else m
+        for name, m in zip(
+            MATRICES, matrices.call([theta], False, not matrices.is_a("SXFunction")), strict=True
+        )
+    ]
+    return ca.Function("matrices", [theta], found, ["theta"], list(MATRICES))
+
+
+def _padded_derivatives(
+    derivatives: Callable[[np.ndarray, tuple[int, ...]], list[np.ndarray]],
+    count: int,
+    theta: np.ndarray,
+    columns: tuple[int, ...],
+) -> list[np.ndarray]:
+    return [
+        np.concatenate([m, np.zeros((*m.shape[:2], count))], axis=2) if name in DRIVEN else m
+        for name, m in zip(MATRICES, derivatives(theta, columns), strict=True)
+    ]
 
 
 MATRICES = ("A", "B", "G", "b", "C", "D", "H", "d", "X", "U", "W", "x0")

@@ -27,7 +27,7 @@ from daest.model.experiment import Experiment
 from daest.model.holds import Hold
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.gaussian import FREE_TOLERANCE, marginals
-from daest.systems.state_space import sample, stacked_inputs
+from daest.systems.state_space import sample, space_for, stacked_inputs
 
 NAMED_AT_MOST = 8  # variables in a message
 # Time constants of a stationary filter that the record must hold for its start not to matter.
@@ -48,12 +48,13 @@ class _Rows:
 def estimate(case: Case, name: str) -> Estimates:
     """Raises EstimationError `filter-too-large` and those of `kalman_filter`."""
     kind: Literal["time-varying", "stationary"] = "stationary" if name == "stationary" else "time-varying"
-    ss, experiment, options = case.model.linear, case.experiment, case.options
+    experiment, options = case.experiment, case.options
+    ss = space_for(case.model.linear, options.hold)
     rows = [ss.output_names.index(name) for name in case.measure]
     intensity, cov = case.model.intensity, case.model.cov[np.ix_(rows, rows)]
     noise = noise_rule(ss, intensity, rows)
     models = sampled_models(_with_outputs(ss, rows), experiment.time, options.hold, intensity, cov, noise)
-    record = _record(ss, experiment, case.measure)
+    record = _record(ss, experiment, case.measure, options.hold)
     unseen = np.zeros((len(ss.state_names), 0))
     if kind == "stationary" and isinstance(models, DiscreteModel):
         models, unseen = without_unseen(models, np.isfinite(record.outputs).any(axis=0))
@@ -141,9 +142,10 @@ def _with_outputs(ss: StateSpace, rows: list[int]) -> StateSpace:
     )
 
 
-def _record(ss: StateSpace, experiment: Experiment, measure: tuple[str, ...]) -> Experiment:
+def _record(ss: StateSpace, experiment: Experiment, measure: tuple[str, ...], hold: Hold) -> Experiment:
     """The used columns, with the inputs ū of the model in its order."""
-    inputs = stacked_inputs(experiment.inputs_of(ss.input_names), experiment.time, ss.input_derivatives)
+    driving = experiment.inputs_of(ss.input_names)
+    inputs = stacked_inputs(driving, experiment.time, ss.input_derivatives, hold)
     outputs = experiment.outputs_of(measure)
     slopes = tuple(f"der({ss.input_names[i]})" for i, _ in ss.input_derivatives)
     return Experiment(
