@@ -191,3 +191,27 @@ def test_inputs_that_differ_must_gain_more():
     assert asked == ["foh", "zoh", "zoh(b, c)", "zoh(a, c)", "zoh(a)"]
     assert ranked_holds(("a",), lambda hold: {"foh": 1.0, "zoh": 0.0}[hold]) == ["foh", "zoh"]
     assert ranked_holds(("a", "b"), lambda hold: None) == []
+
+
+@pytest.mark.parametrize(
+    ("values", "asked", "best"),
+    [
+        ({"foh": 1.0, "zoh": 0.0, "smooth": 5.0}, ["foh", "zoh", "smooth"], "smooth"),
+        ({"foh": 1.0, "zoh": 0.0, "smooth": 0.5, "zoh(a)": 0.0, "zoh(b)": 0.0}, None, "foh"),
+        ({"foh": 0.0, "zoh": 1.0, "zoh(a)": 0.0, "zoh(b)": 0.0}, None, "zoh"),
+    ],
+)
+def test_smooth_inputs_are_asked_for_where_straight_lines_lead(values, asked, best):
+    seen = []
+
+    def likelihood(hold):
+        seen.append(hold)
+        return values[hold]
+
+    assert ranked_holds(("a", "b"), likelihood, ("foh", "zoh", "smooth"))[0] == best
+    assert asked is None or seen == asked
+
+
+def test_smooth_inputs_of_a_search_that_has_them_are_compared():
+    values = {"foh": 1.0, "zoh": 0.0, "smooth": 5.0}
+    assert ranked_holds((), values.__getitem__, ("smooth", "foh", "zoh")) == ["smooth", "foh", "zoh"]

@@ -3,7 +3,8 @@
 All inputs alike come first. Then one after the other is taken the other way, since a heating that is switched
 may stand beside a temperature that runs straight; that some differ from others must gain more. Smooth curves
 are tried where the recorded values themselves lie on such: where splines through every other sample foretell
-the samples between them better than straight lines do.
+the samples between them better than straight lines do, and where straight lines are likelier than held values,
+which are half a sample away from both.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ def ranked_holds(
     names: Sequence[str], likelihood: Callable[[Hold], float | None], first: Sequence[Hold] = HOLDS
 ) -> list[Hold]:
     """The holds that were tried, likeliest first; those without a `likelihood` (None) are left out. `names`
-    are inputs that may differ from the others."""
+    are inputs that may differ from the others. Smooth curves are asked for where straight lines lead."""
     values: dict[Hold, float] = {}
 
     def ask(hold: Hold) -> None:
@@ -33,10 +34,16 @@ def ranked_holds(
         if found is not None:
             values[hold] = found - (0.0 if hold in ALIKE else FIT.min_mixed_hold_gain)
 
+    def best() -> Hold | None:
+        return max(values, key=values.__getitem__, default=None)
+
     for hold in first:
-        ask(hold)
-    for name in names if values and ZOH in first and SMOOTH not in first and len(names) > 1 else ():
-        ask(_turned(max(values, key=values.__getitem__), name, names))
+        if not values or hold != SMOOTH or best() == FOH:
+            ask(hold)
+    for name in names if ZOH in values and len(names) > 1 else ():
+        turned = best()
+        if turned is not None and turned != SMOOTH:
+            ask(_turned(turned, name, names))
     return sorted(values, key=lambda hold: -values[hold])
 
 
