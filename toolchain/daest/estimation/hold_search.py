@@ -3,8 +3,8 @@
 All inputs alike come first. Then one after the other is taken the other way, since a heating that is switched
 may stand beside a temperature that runs straight; that some differ from others must gain more. Smooth curves
 are tried where the recorded values themselves lie on such: where splines through every other sample foretell
-the samples between them better than straight lines do, and where straight lines are likelier than held values,
-which are half a sample away from both.
+the samples between them better than straight lines do, and where straight lines are likelier than held
+values, which are half a sample away from both.
 """
 
 from __future__ import annotations
