@@ -26,6 +26,7 @@ import zipfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 import nonlinear_speed as servo
@@ -53,12 +54,13 @@ EQUAL = 1e-9  # relative difference of two log-likelihoods of one problem
 EXAMPLES = Path(__file__).parents[1] / "examples"
 EXAMPLE = EXAMPLES / "servo" / "Servo.mo"
 HIDDEN = EXAMPLES / "servo_hidden"
-# Functions of `daest.diagnosis.diagnose` that take the time of a diagnosis, and what the table calls them.
+# Functions of `daest.diagnosis` that take the time of a diagnosis, where they are called, and what the table
+# calls them.
 STAGES = {
-    "begin": "the model as it is",
-    "screen": "screen",
-    "_dynamic": "effects with states of their own",
-    "_refitted": "refit with",
+    ("diagnose", "begin"): "the model as it is",
+    ("examine", "screen"): "screen",
+    ("stages", "_dynamic"): "effects with states of their own",
+    ("stages", "proof_by_attempts"): "refit with",
 }
 SIZES = (("Chain", 118), ("Chain", 588), ("Rigid", 286))  # models of `size.py`
 # States, samples, share of the values that are missing, runs.
@@ -309,23 +311,27 @@ def with_many_variables(fmu: Path, target: Path) -> Path:
 def staged(told: Path) -> None:
     """Diagnose in the current folder, one fit at a time, and write the processor time of the stages there."""
     from daest.cli.main import run
-    from daest.diagnosis import diagnose
 
     found: dict[str, float] = defaultdict(float)
 
-    def timed(name: str, function: Callable) -> Callable:
+    def timed(stage: tuple[str, str], function: Callable) -> Callable:
         def run_timed(*arguments: object, **options: object) -> object:
             start = time.process_time()
             try:
                 return function(*arguments, **options)
             finally:
-                which = f" {arguments[1].trial.candidate.label}" if name == "_refitted" else ""
-                found[STAGES[name] + which] += time.process_time() - start
+                which = (
+                    f" {arguments[1].trial.candidate.label}"
+                    if stage[0] == "stages" and stage[1] != "_dynamic"
+                    else ""
+                )
+                found[STAGES[stage] + which] += time.process_time() - start
 
         return run_timed
 
-    for name in STAGES:
-        setattr(diagnose, name, timed(name, getattr(diagnose, name)))
+    for stage in STAGES:
+        module = import_module(f"daest.diagnosis.{stage[0]}")
+        setattr(module, stage[1], timed(stage, getattr(module, stage[1])))
     try:
         run(["diagnose", "--jobs", "1"])
     finally:

@@ -15,7 +15,7 @@ import pytest
 from cart_data import CART, recording, write_recording
 
 from daest.cache import cache_folder
-from daest.diagnosis import diagnose as engine
+from daest.diagnosis import examine, search, stand
 from daest.modelica.compile import compile_model
 
 FRICTION = 0.5  # N
@@ -124,7 +124,7 @@ def test_fit_of_other_data_is_contradicted(cart, daest):
 def test_interrupted_run_goes_on(cart, daest, monkeypatch):
     write_recording(cart / "rub.csv", recording(600, 1, friction=FRICTION, cubic=40.0))
     arguments = ("rub.csv", *COULOMB, "--effect", "HardeningSpring", "--jobs", "1")
-    proof_of, calls = engine.proof_of, []
+    proof_of, calls = search.proof_of, []
 
     def interrupted(*given, **named):
         calls.append(given)
@@ -132,14 +132,14 @@ def test_interrupted_run_goes_on(cart, daest, monkeypatch):
             raise KeyboardInterrupt
         return proof_of(*given, **named)
 
-    monkeypatch.setattr(engine, "proof_of", interrupted)
+    monkeypatch.setattr(search, "proof_of", interrupted)
     code, out, err = daest("diagnose", *arguments, "--model", "Cart.mo", "--hold", "zoh")
     assert (code, out) == (130, "") and "interrupted" in err
     assert not (cart / "results" / "diagnosis.json").exists()
     kept = list((cart / "results" / "diagnosis").iterdir())
     assert len(kept) == 1 and kept[0].suffix == ".json"
 
-    monkeypatch.setattr(engine, "proof_of", proof_of)
+    monkeypatch.setattr(search, "proof_of", proof_of)
     first, err = diagnosis(daest, *arguments)
     refitted = err.count("refitting with")
     assert 1 <= refitted < 1 + refitted == len(list((cart / "results" / "diagnosis").iterdir()))
@@ -158,9 +158,9 @@ def test_the_null_and_the_screen_are_kept_too(cart, daest, monkeypatch, tmp_path
             (tmp_path / "cache" / part.name).symlink_to(part)
     monkeypatch.setenv("DAEST_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr("daest.diagnosis.kept.WORTH_KEEPING", 0.0)
-    fit_null, screen, calls = engine.fit_null, engine.screen, []
-    monkeypatch.setattr(engine, "fit_null", lambda *given: calls.append("null") or fit_null(*given))
-    monkeypatch.setattr(engine, "screen", lambda *given: calls.append("screen") or screen(*given))
+    fit_null, screen, calls = stand.fit_null, examine.screen, []
+    monkeypatch.setattr(stand, "fit_null", lambda *given: calls.append("null") or fit_null(*given))
+    monkeypatch.setattr(examine, "screen", lambda *given: calls.append("screen") or screen(*given))
     arguments = ("rub.csv", *COULOMB, "--at", "cart.flange_a", "--jobs", "1")
     first, _ = diagnosis(daest, *arguments)
     assert calls == ["null", "screen"]

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from daest.diagnosis.diagnose import begin, without_noises
 from daest.diagnosis.null import fit_null
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screen import run_null
+from daest.diagnosis.stand import begin, without_noises
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import effect_library

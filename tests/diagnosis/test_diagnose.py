@@ -18,19 +18,18 @@ from hidden_plants import (
 )
 from scipy.signal import cont2discrete, dlsim, tf2ss
 
-from daest.diagnosis import diagnose as diagnosis_module
-from daest.diagnosis.diagnose import (
-    _is_new_signal,
-    _refitted,
-    _Stages,
-    _told_by_rest,
-    diagnose,
-    says_more,
-    unsettled_hold,
-)
+from daest.diagnosis import attempts, in_use
+from daest.diagnosis import search as search_module
+from daest.diagnosis import stages as stages_module
+from daest.diagnosis.attempts import proof_by_attempts
+from daest.diagnosis.chosen import _is_new_signal
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.examine import _told_by_rest
+from daest.diagnosis.holds import says_more, unsettled_hold
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.proof import Prepared
+from daest.diagnosis.stages import Stages
+from daest.diagnosis.trials import Prepared
 from daest.errors import EstimationError
 from daest.estimation.records import part_of
 from daest.model.diagnosis import FreeForm
@@ -339,11 +338,11 @@ def test_effect_with_states_is_tried_until_it_is_better_than_its_simulation(monk
         baseline = SimpleNamespace(log_likelihood=100.0)
         search = SimpleNamespace(stand=SimpleNamespace(null=null, baseline=baseline))
         first = Prepared(trial, None, (), simulation=SimpleNamespace(log_likelihood=simulation))
-        return _refitted(search, first).fit.log_likelihood
+        return proof_by_attempts(search, first).fit.log_likelihood
 
-    monkeypatch.setattr(diagnosis_module, "_searched", searched)
-    monkeypatch.setattr(diagnosis_module, "_proof_of", proof_of)
-    monkeypatch.setattr(diagnosis_module, "prepare", lambda *_, share, sharper: "small")
+    monkeypatch.setattr(attempts, "end_of_search", searched)
+    monkeypatch.setattr(search_module, "judged_end", proof_of)
+    monkeypatch.setattr(attempts, "prepare", lambda *_, share, sharper: "small")
     assert end(40.0) == 130.0 and tried == ["loads", "calm", "small"]
     ends["loads"] = 110.0
     assert end(40.0) == 110.0 and tried == ["loads"]
@@ -374,15 +373,15 @@ def test_shooting_waits_until_nothing_else_explains_the_data(monkeypatch):
         tried.clear()
         trial = SimpleNamespace(candidate=proof("a", -9.0).candidate)
         first = Prepared(trial, None, ())
-        stages = _Stages(None, None, None, None, lost=[first, replace(first, similar="another")])
+        stages = Stages(None, None, None, None, lost=[first, replace(first, similar="another")])
         proofs = [p for p in (best, proof("a", -9.0)) if p is not None]
         found = stages.second_tries(proofs, SimpleNamespace(entries=()))
         assert not stages.lost
         return {p.candidate.name: p.delta_log_likelihood for p in found}
 
     tried = []
-    monkeypatch.setattr(_Stages, "proved", shot)
-    monkeypatch.setattr(diagnosis_module, "ranked", lambda proofs: proofs)
+    monkeypatch.setattr(Stages, "proved", shot)
+    monkeypatch.setattr(stages_module, "ranked", lambda proofs: proofs)
     assert tries(None) == {"a": 50.0} and tried == ["a"]
     # The best one leaves a form that matters, or nothing.
     assert tries(proof("b", 90.0, left=1e-9)) == {"b": 90.0, "a": 50.0}
@@ -424,18 +423,18 @@ def test_law_seen_in_use_is_tried_at_every_place_that_the_screen_sees_alike(monk
     stand = SimpleNamespace(null=null, validation=(), reference=SimpleNamespace(simulated=1))
     search = SimpleNamespace(stand=stand, n_screened=4)
     others = [partial(at, name) for name in ("u", "valve", "leak")]
-    monkeypatch.setattr(diagnosis_module, "_elsewhere", lambda *_: others)
-    monkeypatch.setattr(diagnosis_module, "_fitted_in_use", fitted)
-    monkeypatch.setattr(diagnosis_module, "_beside_loads", lambda _, there: Found(there.trial.candidate))
-    monkeypatch.setattr(diagnosis_module, "by_simulation", judged)
-    monkeypatch.setattr(diagnosis_module, "fed", lambda experiments, _: experiments)
+    monkeypatch.setattr(in_use, "at_other_places", lambda *_: others)
+    monkeypatch.setattr(in_use, "_fitted_in_use", fitted)
+    monkeypatch.setattr(in_use, "_beside_loads", lambda _, there: Found(there.trial.candidate))
+    monkeypatch.setattr(in_use, "by_simulation", judged)
+    monkeypatch.setattr(in_use, "fed", lambda experiments, _: experiments)
     first = at("level")
     beside, verdict = Found(first.trial.candidate), "supported"
-    shown = diagnosis_module._shown_in_use(search, first, beside)
+    shown = in_use.shown_in_use(search, first, beside)
     assert shown.candidate.site.name == "u" and shown.equivalent == ("valve",)
     # One that no simulation shows stays where it was, refused.
     verdict = "rejected"
-    assert diagnosis_module._shown_in_use(search, first, beside) is beside
+    assert in_use.shown_in_use(search, first, beside) is beside
 
 
 def behind(numerator, denominator, seed):

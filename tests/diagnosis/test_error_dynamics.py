@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from hidden_plants import model, rotor_record
 
-from daest.diagnosis.diagnose import begin
 from daest.diagnosis.error_dynamics import average_dynamics
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screen import run_null
+from daest.diagnosis.stand import begin
 from daest.modelica.attach import attach
 from daest.modelica.effects import effect_library
 from daest.modelica.sites import sites

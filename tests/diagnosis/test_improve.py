@@ -9,11 +9,12 @@ from hidden_plants import library, model, rubbing, some_effects
 
 from daest.diagnosis import improve as improving
 from daest.diagnosis.candidates import pairs
-from daest.diagnosis.diagnose import proved_again
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.proof import Trial, prepare, prove
+from daest.diagnosis.proof import prove
+from daest.diagnosis.rounds import proved_again
 from daest.diagnosis.screen import run_null
+from daest.diagnosis.trials import Trial, prepare
 from daest.errors import EstimationError
 from daest.model.diagnosis import Ahead, Diagnosis, Screen, Step
 from daest.model.fit import Agreement

@@ -10,12 +10,12 @@ import pytest
 from hidden_plants import MODELS, library, model, rotor_record
 
 from daest.diagnosis import learned
-from daest.diagnosis.diagnose import begin, without_noises
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.learned import learned_load, load_sign, said, with_curve, with_formula
 from daest.diagnosis.loads import load_places
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screen import run_null
+from daest.diagnosis.stand import begin, without_noises
 from daest.diagnosis.written import simulated_rms, written_load
 from daest.errors import EstimationError
 from daest.model.diagnosis import Curve

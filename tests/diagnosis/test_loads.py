@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hidden_plants import model
 
-from daest.diagnosis.diagnose import without_noises
 from daest.diagnosis.loads import load_places, load_sites, with_loads
+from daest.diagnosis.stand import without_noises
 from daest.modelica.compile import compile_text
 from daest.modelica.sites import sites
 from daest.systems.state_space import state_space, state_space_family

@@ -12,11 +12,14 @@ from hidden_plants import library, model, quiet, rotor_null, rotor_record, rubbi
 from daest.data.prepare import resample
 from daest.diagnosis import null as nulls
 from daest.diagnosis.compare import compare_models
-from daest.diagnosis.diagnose import begin, better_hold, diagnose, examine, without_noises
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.examine import examine
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.holds import better_hold
 from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import fit_null, near_given, open_hold, period_of, refit, with_other_hold
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.stand import begin, without_noises
 from daest.diagnosis.trial import Candidate
 from daest.errors import EstimationError, ModelError
 from daest.estimation.identify import identify

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from daest.diagnosis.diagnose import _said_of_inputs
+from daest.diagnosis.examine import _said_of_inputs
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import fit_null
@@ -19,7 +19,7 @@ from daest.diagnosis.open_loop import (
     says_more_in_use,
     speaks_for,
 )
-from daest.diagnosis.proof import _undriven
+from daest.diagnosis.reasons import undriven
 from daest.model.diagnosis import InUse
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement
@@ -115,7 +115,7 @@ def test_a_model_that_its_inputs_do_not_move_is_told(is_recorded):
     null = fit_null(flat, load_sites(flat), [record], "zoh")
     share = driven_share(null)
     assert share == pytest.approx(1.0, abs=0.1) if is_recorded else share < GATES.min_driven
-    assert bool(_undriven(null)) == bool(_said_of_inputs(null)) == (not is_recorded)
+    assert bool(undriven(null)) == bool(_said_of_inputs(null)) == (not is_recorded)
     assert driven_share(replace(null, experiments=(replace(record, inputs=0.0 * recorded),))) is None
 
 

@@ -11,37 +11,36 @@ from hidden_plants import model, quiet, rotor_record, rubbing, some_effects
 from daest.diagnosis import settled as settling
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.clipping import Clip, clips_of, with_clipped_sensors
-from daest.diagnosis.diagnose import _with_better_kinks, _with_second_tries, begin, reference_of
+from daest.diagnosis.course import _with_better_kinks, _with_second_tries
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import grown
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.proof import (
-    Trial,
+from daest.diagnosis.proof import prove, with_steady_error
+from daest.diagnosis.ranking import _ends_in_a_simpler_law, best_accepted, least_hope, ranked
+from daest.diagnosis.reasons import (
     _certainty,
-    _ends_in_a_simpler_law,
-    _inside,
-    _too_short,
-    _undetermined,
-    _unexplained,
-    _weak,
-    _without_evidence,
-    _wrong_law,
-    at_full_size,
-    best_accepted,
-    clipping_trials,
-    from_simulation,
     is_significant,
-    least_hope,
-    prepare,
-    prove,
-    ranked,
-    trials,
-    with_steady_error,
+    lag_too_short,
+    not_determined,
+    unexplained,
+    weak,
+    without_evidence,
+    wrong_law,
 )
 from daest.diagnosis.screen import law_response, run_null, screen
 from daest.diagnosis.settled import settled
+from daest.diagnosis.stand import begin, reference_of
+from daest.diagnosis.trials import (
+    Trial,
+    _inside,
+    at_full_size,
+    clipping_trials,
+    from_simulation,
+    prepare,
+    trials,
+)
 from daest.diagnosis.unseen import steady_misfit
 from daest.model.diagnosis import Ahead, Candidate, InUse, Screen, Screened
 from daest.model.experiment import Experiment
@@ -217,7 +216,7 @@ def changed_size(fit, **changes):
     ],
 )
 def test_evidence(gain, delta_bic, p_value, reason):
-    found = _without_evidence(gain, delta_bic, p_value, 100)
+    found = without_evidence(gain, delta_bic, p_value, 100)
     assert reason in found and bool(reason) == bool(found)
 
 
@@ -232,7 +231,7 @@ def test_evidence(gain, delta_bic, p_value, reason):
 )
 def test_sizes_that_prove_nothing(changes, reason):
     prepared, proof = proved()
-    found = _weak(prepared, changed_size(proof.fit, **changes))
+    found = weak(prepared, changed_size(proof.fit, **changes))
     assert reason in found and bool(reason) == bool(found)
 
 
@@ -256,9 +255,9 @@ def test_search_that_came_to_its_limit_goes_on(monkeypatch):
 
 
 def test_falling_simulation_error_asks_for_less_explanation():
-    assert _unexplained(0.4, [0.6, 0.7]) == ""
-    assert "explains only 40 %" in _unexplained(0.4, [0.6, 0.8])
-    assert "explains only 5 %" in _unexplained(0.05, [0.6])
+    assert unexplained(0.4, [0.6, 0.7]) == ""
+    assert "explains only 40 %" in unexplained(0.4, [0.6, 0.8])
+    assert "explains only 5 %" in unexplained(0.05, [0.6])
 
 
 def test_unseen_data_have_the_last_word():
@@ -292,7 +291,7 @@ def test_ratios_of_simulation_errors():
 
 def test_size_as_large_as_it_can_be_is_no_weakness():
     prepared, proof = proved()
-    assert _weak(prepared, changed_size(proof.fit, at_bound="max", std_error=None)) == ""
+    assert weak(prepared, changed_size(proof.fit, at_bound="max", std_error=None)) == ""
 
 
 def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
@@ -340,7 +339,7 @@ def test_richer_law_that_rests_at_a_bound_is_the_simple_one():
 def test_size_that_was_not_estimated_is_no_claim():
     prepared, proof = proved()
     fit = replace(proof.fit, parameters=proof.fit.parameters[:2])
-    assert "was not estimated" in _weak(prepared, fit)
+    assert "was not estimated" in weak(prepared, fit)
 
 
 def test_ranking():
@@ -523,17 +522,17 @@ def test_law_of_which_nothing_is_known_is_no_finding():
         parameters = [replace(p, **changes) if p.name == own else p for p in fit.parameters]
         return replace(fit, parameters=tuple(parameters))
 
-    assert _undetermined(proof.candidate, proof.fit) == ""
-    assert _undetermined(proof.candidate, told(at_bound="max", std_error=None)) == ""
-    vague = _undetermined(proof.candidate, told(value=0.15, std_error=0.06))
+    assert not_determined(proof.candidate, proof.fit) == ""
+    assert not_determined(proof.candidate, told(at_bound="max", std_error=None)) == ""
+    vague = not_determined(proof.candidate, told(value=0.15, std_error=0.06))
     assert vague == "the data determine none of its parameters (tau_c = 0.15 ± 0.06 N.m)"
-    assert "tau_c = 0.15 N.m" in _undetermined(proof.candidate, told(value=0.15, std_error=None))
+    assert "tau_c = 0.15 N.m" in not_determined(proof.candidate, told(value=0.15, std_error=None))
     # One parameter that is known is enough: a level from which a law acts, say.
     rich = next(e for e in some_effects("StribeckFriction"))
     size = next(p for p in proof.fit.parameters if p.name == own)
     shapes = (replace(size, name=f"{proof.candidate.name}.w_st", value=0.1, std_error=0.01),)
     vaguer = replace(proof.fit, parameters=(replace(size, std_error=None), *shapes))
-    assert _undetermined(replace(proof.candidate, effect=rich), vaguer) == ""
+    assert not_determined(replace(proof.candidate, effect=rich), vaguer) == ""
 
 
 def test_torque_is_known_by_its_ratio_where_no_sensor_tells_the_scale_of_all_torques():
@@ -556,11 +555,11 @@ def test_torque_is_known_by_its_ratio_where_no_sensor_tells_the_scale_of_all_tor
         return _certainty(replace(candidate, effect=effect), fit, parameter, effect.sizes[0])
 
     assert certainty(told(0.99)) == pytest.approx(1.0 / (0.4 * np.sqrt(2.0 * 0.01)))
-    assert _undetermined(candidate, told(0.99)) == ""
+    assert not_determined(candidate, told(0.99)) == ""
     # Nothing in common, or with a parameter that may vanish: the size stands for itself.
     assert certainty(told(0.0)) == pytest.approx(2.5)
     assert certainty(told(0.99, min=None)) == pytest.approx(2.5)
-    assert "tau_c = 0.15 ± 0.06 N.m" in _undetermined(candidate, told(0.0))
+    assert "tau_c = 0.15 ± 0.06 N.m" in not_determined(candidate, told(0.0))
     # A lag that is long beside another time is no longer for that.
     assert certainty(told(0.99), replace(candidate.effect, is_dynamic=True)) == pytest.approx(2.5)
 
@@ -639,11 +638,11 @@ def test_law_that_leaves_a_curve_which_would_say_all_is_refused():
     after = grown(stand.null, prepared.flat, reduce_index(prepared.flat), fit, stand.null.experiments)
     left = free_forms(after, run_null(after), ["rotor.phi", "rotor.w", "u"])[0]
     assert left.label == "rotor.phi and the sign of rotor.w"
-    assert "still follows rotor.phi" in _wrong_law(
+    assert "still follows rotor.phi" in wrong_law(
         stand.null, run, prepared, fit, proof.delta_log_likelihood, left
     )
     # A small rest is how a law is rounded.
-    assert _wrong_law(stand.null, run, prepared, fit, 100.0 * left.log_likelihood_gain, left) == ""
+    assert wrong_law(stand.null, run, prepared, fit, 100.0 * left.log_likelihood_gain, left) == ""
 
 
 @pytest.mark.parametrize(("speed", "first"), [(0.008, "CoulombFriction"), (0.03, "StribeckFriction")])
@@ -859,10 +858,10 @@ def test_lag_shorter_than_anything_in_the_model_is_no_finding(T, is_short):
     _, run = quiet()  # a rotor of 0.5 / 0.3 s
     lag = next(c for c in pairs(some_effects("Lag"), sites(model())) if c.site.name == "u")
     fit = SimpleNamespace(theta={f"{lag.name}.T": T})
-    assert bool(_too_short(run.null, lag, fit)) == is_short
-    assert not is_short or "0.1 s is short beside" in _too_short(run.null, lag, fit)
+    assert bool(lag_too_short(run.null, lag, fit)) == is_short
+    assert not is_short or "0.1 s is short beside" in lag_too_short(run.null, lag, fit)
     friction = pairs(some_effects("CoulombFriction"), sites(model()))[0]
-    assert _too_short(run.null, friction, SimpleNamespace(theta={f"{friction.name}.tau_c": 0.1})) == ""
+    assert lag_too_short(run.null, friction, SimpleNamespace(theta={f"{friction.name}.tau_c": 0.1})) == ""
 
 
 def test_kink_too_sharp_for_any_observer_does_not_take_the_place_of_a_rounder_one():

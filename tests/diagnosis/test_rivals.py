@@ -13,7 +13,8 @@ from scipy.signal import lfilter
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.null import fit_null
-from daest.diagnosis.proof import could_compete, prepare, prove, trials
+from daest.diagnosis.proof import prove
+from daest.diagnosis.ranking import could_compete
 from daest.diagnosis.rivals import (
     dynamic_trials,
     no_richer_ones,
@@ -27,6 +28,7 @@ from daest.diagnosis.rivals import (
     simplest_first,
 )
 from daest.diagnosis.screen import run_null, screen
+from daest.diagnosis.trials import prepare, trials
 from daest.model.diagnosis import Screened
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model

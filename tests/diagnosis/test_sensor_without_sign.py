@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from daest.diagnosis.diagnose import begin, examine
+from daest.diagnosis.examine import examine
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.stand import begin
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 from daest.modelica.effects import find_effect

@@ -6,10 +6,11 @@ from typing import Any, cast
 
 import numpy as np
 
-from daest.diagnosis import diagnose as diagnosis_module
-from daest.diagnosis.diagnose import _by_states, _Stages
+from daest.diagnosis import stages as stages_module
+from daest.diagnosis.course import _by_states
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.proof import Prepared
+from daest.diagnosis.stages import Stages
+from daest.diagnosis.trials import Prepared
 
 
 def prepared(n_states: int = 0, simulated: float = -np.inf, site: str = "u", is_dynamic: bool = False) -> Any:
@@ -21,10 +22,10 @@ def prepared(n_states: int = 0, simulated: float = -np.inf, site: str = "u", is_
     return replace(Prepared(cast(Any, trial), cast(Any, None), ()), simulated=simulated)
 
 
-def stages(simulation: tuple[float, dict[str, float]]) -> _Stages:
+def stages(simulation: tuple[float, dict[str, float]]) -> Stages:
     experiments = (SimpleNamespace(outputs=np.zeros((1000, 1))),)
     search = SimpleNamespace(stand=SimpleNamespace(null=SimpleNamespace(experiments=experiments)))
-    found = _Stages(cast(Any, search), cast(Any, None), cast(Any, None), cast(Any, None))
+    found = Stages(cast(Any, search), cast(Any, None), cast(Any, None), cast(Any, None))
     found.__dict__["simulation"] = simulation
     return found
 
@@ -56,8 +57,8 @@ def test_dead_times_are_fitted_where_a_lag_shows_itself(monkeypatch: Any) -> Non
     def proved(_self: Any, _stage: Any, _before: Any, tasks: Any) -> Any:
         return [], [task() for task in tasks]
 
-    monkeypatch.setattr(diagnosis_module, "_dynamic", fits)
-    monkeypatch.setattr(_Stages, "proved", proved)
+    monkeypatch.setattr(stages_module, "_dynamic", fits)
+    monkeypatch.setattr(Stages, "proved", proved)
     found = stages((0.0, {})).dynamic(wanted)
     assert fitted == ["1 at u", "1 at y", "10 at u"]
     assert [one for part in found if part for _, one in part] == [lags[0]]

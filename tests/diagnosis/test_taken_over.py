@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from daest.diagnosis.diagnose import begin
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.stand import begin
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 

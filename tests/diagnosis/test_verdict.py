@@ -11,7 +11,7 @@ from hidden_plants import model, rubbing, some_effects
 from daest.diagnosis import verdict as verdict_module
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.coloured import Residual
-from daest.diagnosis.diagnose import says_as_much
+from daest.diagnosis.holds import says_as_much
 from daest.diagnosis.verdict import Evidence, Loads, decide
 from daest.model.diagnosis import Ahead, FreeForm, Load, PlaceGain, Proof, Screen, Screened, Unproved
 from daest.model.fit import Agreement, FittedParameter

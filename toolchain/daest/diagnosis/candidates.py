@@ -278,3 +278,8 @@ def _scale(candidate: Candidate, parameter: EffectParameter, ranges: Mapping[str
 def scaled_by(candidate: Candidate, parameter: EffectParameter) -> str:
     """The name in `ranges` of what the grid of the parameter is relative to."""
     return TIME if parameter.scale_of == TIME else f"{candidate.name}.{parameter.scale_of}"
+
+
+def scaled_shapes(candidate: Candidate) -> list[EffectParameter]:
+    """The shapes of the effect that are estimated and lie along one of its variables."""
+    return [p for p in candidate.effect.parameters if p.role == "shape" and p.estimate and p.scale_of]

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from daest.diagnosis.diagnose import diagnose, without_noises
+from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import slowest_load
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.stand import without_noises
 from daest.errors import DaestError
 from daest.model.diagnosis import Diagnosis, Proof
 from daest.model.effects import Effect

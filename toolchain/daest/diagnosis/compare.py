@@ -30,7 +30,7 @@ from daest.diagnosis.residual_tests import (
 from daest.diagnosis.trial import Candidate, Trial, agreement
 from daest.diagnosis.where import ErrorSeries, Signal, distinct, where
 from daest.errors import EstimationError
-from daest.estimation.records import in_model_order
+from daest.estimation.records import in_model_order, n_observed
 from daest.model.comparison import Comparison, ModelTrial
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel, Model
@@ -123,7 +123,7 @@ def _model_trial(
         raw, level = _bootstrapped(_Faultless(ready, tuple(experiments), trial), raw, bootstrap, seed, pool)
     tests = judged(raw, level)
     passed = [test.passed for by_output in tests.values() for test in by_output.values()]
-    n_values = sum(int(np.isfinite(e.outputs).sum()) for e in experiments)
+    n_values = n_observed(experiments)
     return ModelTrial(
         name=candidate.name,
         n_parameters=candidate.n_parameters,

@@ -17,6 +17,7 @@ import numpy as np
 from daest.diagnosis.null import Null
 from daest.diagnosis.settled import FAILURES
 from daest.estimation.identify import identify
+from daest.estimation.records import n_observed
 from daest.model.effects import Site
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
@@ -44,13 +45,9 @@ def best_shift(null: Null, site: Site, delays: Sequence[float], options: Identif
             fit = identify(null.flat, shifted, options)
             options = replace(options, start={name: fit.theta[name] for name in null.estimated})
             # As if nothing were missing behind the end.
-            whole = _n_measured(null.experiments) / _n_measured(shifted)
+            whole = n_observed(null.experiments) / n_observed(shifted)
             found.append(Shift(whole * fit.log_likelihood, delay, fit.theta))
     return max(found, key=lambda one: one.log_likelihood, default=None)
-
-
-def _n_measured(experiments: Sequence[Experiment]) -> int:
-    return sum(int(np.isfinite(e.outputs).sum()) for e in experiments)
 
 
 def shifted_back(experiment: Experiment, site: Site, delay: float) -> Experiment:

@@ -15,33 +15,20 @@ import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.diagnosis.candidates import fed
-from daest.diagnosis.diagnose import (
-    AGAIN,
-    BACK,
-    IN_VAIN,
-    Stand,
-    accept,
-    begin,
-    better_hold,
-    examine,
-    gains_beside,
-    limit_told,
-    limited,
-    proved_again,
-    proved_beside,
-    says_as_much,
-    says_more,
-    switching_case,
-    unsettled_hold,
-)
+from daest.diagnosis.diagnose import switching_case
+from daest.diagnosis.examine import examine
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.holds import AGAIN, BACK, IN_VAIN, better_hold, says_as_much, says_more, unsettled_hold
 from daest.diagnosis.options import DiagnoseOptions, Progress
-from daest.diagnosis.proof import SHARPER, Trial
+from daest.diagnosis.rounds import accept, gains_beside, proved_again, proved_beside
 from daest.diagnosis.screen import promising_pairs
 from daest.diagnosis.settled import FAILURES
+from daest.diagnosis.stand import Stand, begin, limit_told, limited
 from daest.diagnosis.switching import diagnose_switching
+from daest.diagnosis.trials import SHARPER, Trial
 from daest.diagnosis.unseen import is_better, is_likelier, is_worse
 from daest.errors import EstimationError
+from daest.estimation.records import n_observed
 from daest.model.defaults import MOST_EFFECTS
 from daest.model.diagnosis import Candidate, Diagnosis, Improvement, Proof, Screened, Step
 from daest.model.effects import Effect
@@ -69,7 +56,7 @@ class _Path:
     def bic(self) -> float:
         """Up to a constant that all paths share."""
         fit = self.stand.baseline
-        n = sum(int(np.isfinite(e.outputs).sum()) for e in self.stand.null.experiments)
+        n = n_observed(self.stand.null.experiments)
         return float(len(fit.parameters) * np.log(n) - 2.0 * fit.log_likelihood)
 
     def ended(self, last: Diagnosis, reason: str) -> _Path:

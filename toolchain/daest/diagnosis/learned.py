@@ -25,6 +25,7 @@ from daest.diagnosis.settled import FAILURES, settled, simulated
 from daest.diagnosis.trial import Candidate as Trialled
 from daest.diagnosis.unseen import compared, foreseen, judged
 from daest.errors import DaestError
+from daest.estimation.records import n_observed
 from daest.model.diagnosis import Curve, FreeForm, LearnedLoad
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult
@@ -67,14 +68,14 @@ def learned_load(
         theta = {p.name: p.value for p in flat.parameters}
         after = _simulated(flat, validation, null.hold)
         return LearnedLoad(form, start, theta, None, before, after, sign, _worse(before, after))
-    n_observed = sum(int(np.isfinite(e.outputs).sum()) for e in null.experiments)
+    n_measured = n_observed(null.experiments)
     while True:
         curve, fit = found
         finer = _finer(curve, course[form.variable])
         n_more = finer.x.size - curve.x.size
         if n_more == 0 or finer.x.size > MOST_KNOTS:
             break
-        finer_must_reach = fit.log_likelihood + 0.5 * n_more * np.log(n_observed)
+        finer_must_reach = fit.log_likelihood + 0.5 * n_more * np.log(n_measured)
         found = _fitted(null, row, finer, validation, finer_must_reach)
         if found is None:
             break

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, TypeVar
 
 from daest.diagnosis.clipping import Clip, clips_of
-from daest.diagnosis.proof import Prepared
+from daest.diagnosis.trials import Prepared
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import Model

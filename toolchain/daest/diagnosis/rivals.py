@@ -20,9 +20,10 @@ from daest.diagnosis.candidates import with_shapes
 from daest.diagnosis.dead_times import DELAY, SHIFTS, best_shift
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, period_of
-from daest.diagnosis.proof import SHARPER, Prepared, Trial, bic_gain
+from daest.diagnosis.proof import bic_gain
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.settled import FAILURES
+from daest.diagnosis.trials import SHARPER, Prepared, Trial
 from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.identify import identify, searched

@@ -21,6 +21,7 @@ from daest.diagnosis.null import Null, with_noise
 from daest.diagnosis.screen import ATOL_OF_SCALE, RTOL, NullObserver, run_null
 from daest.errors import DaestError
 from daest.estimation.observer import observer
+from daest.estimation.records import n_observed
 from daest.model.diagnosis import Ahead, Confirmed
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
@@ -359,7 +360,7 @@ def _squared_errors(
         except IntegrationError:
             return None
         found = _searched_start(null, model, experiment, gain, root, begin, free, experiment.n_samples)
-        total += found.error * float(np.isfinite(experiment.outputs).sum())
+        total += found.error * n_observed([experiment])
     return total if np.isfinite(total) else None
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
-from daest.diagnosis.proof import is_significant, told_value
+from daest.diagnosis.reasons import is_significant, told_value
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.unseen import is_likelier, is_silent
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Unproved, VerdictName

@@ -12,7 +12,7 @@ from daest.estimation.coordinates import Unknowns, objective, parameter_scale
 from daest.estimation.gain_family import LONGEST_LOG
 from daest.estimation.gates import FIT
 from daest.estimation.hold_search import moving_inputs, possible_holds, ranked_holds
-from daest.estimation.records import part_of
+from daest.estimation.records import n_observed, part_of
 from daest.estimation.search import Evaluation, Found, minimise
 from daest.estimation.setup import check_start, no_start
 from daest.estimation.trajectories import TrajectoryProblem, integrated, prediction_errors
@@ -134,8 +134,8 @@ def _scale_by_outputs(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
     n, n_experiments = len(problem.unknowns.coordinates), len(problem.experiments)
     own = np.diagonal(here.information)[n : n + n_experiments * problem.n_states]
     most = np.max(own.reshape(n_experiments, problem.n_states), axis=0)
-    n_observed = max(int(np.isfinite(e.outputs).sum()) for e in problem.experiments)
-    return np.sqrt(n_observed / np.where(most > 0.0, most, n_observed))
+    longest = max(n_observed([e]) for e in problem.experiments)
+    return np.sqrt(longest / np.where(most > 0.0, most, longest))
 
 
 def fit_initial_states(
@@ -252,10 +252,10 @@ def check_nonlinear_start(problem: TrajectoryProblem, z: np.ndarray, may_be_cut:
     direction is flat only if a short piece agrees. Where the record may be cut, the piece is enough.
     Shapes: z (n_z,)."""
     short = replace(problem, experiments=tuple(part_of(e, 0, SHORT_LENGTH) for e in problem.experiments))
-    observed = sum(int(np.isfinite(e.outputs).sum()) for e in problem.experiments)
+    observed = n_observed(problem.experiments)
     whole, piece = (_of_parameters(part, z) for part in (problem, short))
     if whole is None and may_be_cut:
-        whole, observed = piece, sum(int(np.isfinite(e.outputs).sum()) for e in short.experiments)
+        whole, observed = piece, n_observed(short.experiments)
     if whole is None:
         raise no_start(_failure(problem, z))
     check_start(problem.unknowns, whole, observed, piece)

@@ -4,7 +4,7 @@ exists.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,11 @@ from daest.model.linear import StateSpaceFamily
 from daest.systems.state_space import stacked_inputs
 
 MAX_GRID_GROWTH = 4  # a grid that would have more than this many samples per recorded one is not used
+
+
+def n_observed(experiments: Iterable[Experiment]) -> int:
+    """Number of measured values of all recordings."""
+    return sum(int(np.isfinite(e.outputs).sum()) for e in experiments)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from daest.errors import EstimationError
 from daest.estimation.coordinates import Coordinate, Unknowns, coordinate_with_prior, parameter_coordinate
 from daest.estimation.gates import FIT
 from daest.estimation.identifiability import flat_directions, without_influence
-from daest.estimation.records import in_model_order, part_of
+from daest.estimation.records import in_model_order, n_observed, part_of
 from daest.estimation.search import Evaluation
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions, Method, NoiseChoice
@@ -66,8 +66,8 @@ def check_records(family: StateSpaceFamily, records: Sequence[Experiment], n_unk
             "identify-no-data", "there is no recording to identify from", remedy="name a data file"
         )
     where = ", ".join(r.name for r in records)
-    n_observed = sum(int(np.isfinite(r.outputs).sum()) for r in records)
-    if n_observed == 0:
+    n_measured = n_observed(records)
+    if n_measured == 0:
         names = ", ".join(o.name for o in family.outputs) or "none"
         raise EstimationError(
             "identify-no-output",
@@ -77,10 +77,10 @@ def check_records(family: StateSpaceFamily, records: Sequence[Experiment], n_unk
         )
     n_states = len(family.state_names)
     needed = n_unknowns + n_states * len(records)
-    if n_observed <= needed:
+    if n_measured <= needed:
         raise EstimationError(
             "identify-too-few-samples",
-            f"{n_observed} measured values for {needed} unknowns ({n_unknowns} parameters and noises, "
+            f"{n_measured} measured values for {needed} unknowns ({n_unknowns} parameters and noises, "
             f"{n_states} initial states per recording)",
             where=where,
             remedy="use a longer recording, or estimate fewer parameters",
@@ -271,7 +271,7 @@ class Setup:
     @property
     def n_observed(self) -> int:
         """Measured values of all recordings."""
-        return sum(int(np.isfinite(e.outputs).sum()) for e in self.experiments)
+        return n_observed(self.experiments)
 
 
 def setup_of(

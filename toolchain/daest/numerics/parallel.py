@@ -167,6 +167,11 @@ def outcome_of(work: Callable[[Task], Result], task: Task) -> Outcome[Result]:
         return Outcome(error=error)
 
 
+def called(task: Callable[[], Any]) -> Any:
+    """The work of tasks that are functions without arguments."""
+    return task()
+
+
 def run_packed(work: bytes, blob: bytes, expected: Versions | None = None) -> bytes:
     """The packed outcome of a packed task, on a worker with the `expected` programs. Raises ConfigError
     `cluster-differs`."""

@@ -1,0 +1,50 @@
+"""The candidates that a diagnosis looks at: effects at places, and columns of the recordings as causes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from daest.diagnosis.candidates import pairs
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.options import DiagnoseOptions
+from daest.model.diagnosis import Candidate
+from daest.model.effects import Effect, Site
+from daest.model.experiment import Experiment
+
+
+def chosen_candidates(
+    library: Sequence[Effect],
+    places: Sequence[Site],
+    experiments: Sequence[Experiment],
+    options: DiagnoseOptions,
+) -> tuple[Candidate, ...]:
+    columns = [name for name in experiments[0].extra if _is_new_signal(name, experiments)]
+    whole = pairs(library, places, columns)
+    return tuple(
+        c
+        for c in whole
+        if (not options.effects or c.effect.name in options.effects or c.effect.class_name in options.effects)
+        and (not options.places or {c.site.name, *c.site.aliases} & set(options.places))
+    )
+
+
+def _is_new_signal(name: str, experiments: Sequence[Experiment]) -> bool:
+    """Whether an unused column could be a cause: it moves in every experiment, and it is not just another
+    form of an input or of a measured output (a command in other units, the reference of a control loop, a
+    speed beside a measured angle)."""
+    for experiment in experiments:
+        if name not in experiment.extra or np.ptp(np.nan_to_num(experiment.extra[name])) == 0.0:
+            return False
+    column = np.concatenate([np.nan_to_num(e.extra[name]) for e in experiments])
+    known = np.concatenate([_known_signals(e) for e in experiments])
+    table = np.column_stack([np.ones(column.size), known])
+    rest = column - table @ np.linalg.lstsq(table, column, rcond=None)[0]
+    return bool(np.sum(rest**2) > GATES.max_known_variance * np.sum((column - column.mean()) ** 2))
+
+
+def _known_signals(experiment: Experiment) -> np.ndarray:
+    """Inputs, outputs and rates of outputs (n_samples, n)."""
+    outputs = np.nan_to_num(experiment.outputs)
+    return np.hstack([experiment.inputs, outputs, np.gradient(outputs, experiment.time, axis=0)])

@@ -1,0 +1,282 @@
+"""The course of the proof: which candidates are refitted, in which order, and when the others need not be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from daest.diagnosis import verdict as verdicts
+from daest.diagnosis.disturbance import SmoothedLoad
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.options import DiagnoseOptions, Progress
+from daest.diagnosis.ranking import (
+    best_accepted,
+    best_start,
+    could_compete,
+    is_settled,
+    leader_of,
+    leaves_something,
+    most_likely,
+    ranked,
+)
+from daest.diagnosis.reasons import is_significant
+from daest.diagnosis.rivals import (
+    DynamicFits,
+    best_dynamic,
+    no_richer_ones,
+    not_begun_by,
+    other_forms,
+    reduced_laws,
+    richer_laws,
+    rounded,
+    signal_laws,
+    simpler_laws,
+    simplest_first,
+)
+from daest.diagnosis.search import Search
+from daest.diagnosis.stages import MOST_IN_USE, Stages, in_time
+from daest.diagnosis.stand import Stand
+from daest.diagnosis.trials import Prepared, Trial, clipping_trials, trials
+from daest.model.diagnosis import Candidate, Proof, Screen, Unproved
+from daest.model.effects import Effect
+from daest.numerics.parallel import workers
+
+MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve over some variable
+FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the first is not supported
+
+
+@dataclass(frozen=True)
+class Course:
+    """Refits of the best of the `candidates`, in stages: `screens` are that of the innovations and that in
+    open loop, if there is one; `loads` is what the null needs, `load` the largest of that. `watched` sees the
+    first refits, best first, and may end the course by what it raises."""
+
+    stand: Stand
+    loads: verdicts.Loads
+    load: SmoothedLoad | None
+    screens: tuple[Screen, Screen | None]
+    candidates: Sequence[Candidate]
+    library: Sequence[Effect]
+    options: DiagnoseOptions
+    progress: Progress
+    watched: Callable[[Sequence[Proof]], None]
+
+    def proofs(self) -> tuple[tuple[Proof, ...], tuple[Unproved, ...], bool]:
+        """The best candidates refitted: the first few, those that lead the screen in open loop, and of the
+        others those that could compete with them; the leaders of the screen that were not, each with the
+        reason; and whether the time sufficed."""
+        stand, options, (found, used) = self.stand, self.options, self.screens
+        wanted = trials(found, GATES.screen_level, options.most_trials + MORE_TRIALS)
+        wanted, n_used = _with_leaders(wanted, used)
+        search = Search(stand, self.loads.run, self.load, self.loads.form, found.n_screened)
+        with workers(options.jobs, options.cluster) as pool:
+            stages = Stages(search, pool, options, self.progress)
+            fits, proofs = self._of_leaders(stages, wanted[: options.most_trials], n_used)
+            if not is_settled(ranked(proofs)):
+                proofs += stages.proved(stages.prepared(wanted[options.most_trials :]), proofs)[0]
+                proofs = stages.second_tries(proofs, found)
+            proofs = self._with_simpler_laws(stages, proofs)
+            proofs = self._with_other_forms(stages, proofs)
+            proofs = self._with_storage(stages, proofs)
+            proofs = stages.shown_in_use(proofs)
+            proofs = stages.steadied(proofs)
+        order = ranked(proofs)
+        is_whole = not stages.late and None not in fits
+        return order, _unproved(found, wanted, order, stages.failed), is_whole
+
+    def _of_leaders(
+        self, stages: Stages, wanted: Sequence[Trial], n_used: int
+    ) -> tuple[list[DynamicFits | None], list[Proof]]:
+        """The fits of effects with states; and the proofs of those and of the first trials, of which `n_used`
+        lead a screen."""
+        null, found = self.stand.null, self.screens[0]
+        clips = self.options.clips([*null.experiments, *self.stand.validation])
+        given = clipping_trials(null, self.candidates, clips)
+        leading = stages.prepared(wanted)
+        chosen, richer = simplest_first(leading)
+        n_used = sum(any(one is other for other in chosen) for one in leading[:n_used])
+        fits = stages.dynamic(self.candidates)
+        ahead, dynamic = stages.by_what_they_simulate(best_dynamic(null, in_time(fits)))
+        proofs: list[Proof] = []
+        for one in ahead:
+            proofs += stages.proved([one], proofs)[0]
+        if proofs:
+            self.watched(ranked(proofs))
+        # Those whose runs are short lead: beside them, the others need not be pursued as far.
+        n_first = min(max(n_used, 1 if fits else FIRST_TRIALS), len(chosen))
+        quick, slow = _by_states(chosen[:n_first])
+        proofs += stages.proved([*stages.prepared(given), *quick], proofs)[0]
+        proofs += stages.proved(slow, proofs)[0]
+        rest = chosen[n_first:FIRST_TRIALS]
+        if rest and leader_of(proofs) is None:
+            proofs += stages.proved(rest, proofs)[0]
+            rest = []
+        proofs = stages.proved(dynamic, proofs)[0] + proofs
+        self.watched(ranked(proofs))
+        best = best_accepted(ranked(proofs))
+        others = [*chosen[max(FIRST_TRIALS, n_first) :], *not_begun_by(best, richer)]
+        rest += [p for p in others if could_compete(p.trial, best, found)]
+        proofs += stages.proved(rest, proofs)[0]
+        return fits, stages.second_tries(proofs, found)
+
+    def _with_simpler_laws(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
+        """All laws, with parts of the most likely one where that is refused, and with those that bend a
+        signal as the accepted one does."""
+        found = self.screens[0]
+        best = most_likely(proofs)
+        if best is not None and best.verdict == "rejected":
+            proofs += stages.proved(stages.prepared(simpler_laws(best, found, proofs)), proofs)[0]
+            proofs = stages.second_tries(proofs, found)
+        best = best_accepted(ranked(proofs))
+        if best is not None:
+            proofs += stages.proved(stages.prepared(signal_laws(best, found, proofs)), ())[0]
+        return proofs
+
+    def _with_other_forms(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
+        """All laws, with the best one in other forms: its kink rounded otherwise, with fewer parameters, and
+        as a part of richer laws where it leaves something."""
+        null, found = self.stand.null, self.screens[0]
+        best = best_start(ranked(proofs))
+        if best is not None:
+            doubted = [best] if leaves_something(best) else []
+            doubted += no_richer_ones(best, proofs)
+            proofs = _with_better_kinks(proofs, stages.proved(rounded(null, doubted), ())[0])
+            best = best_start(ranked(proofs))
+        if best is not None and leaves_something(best):
+            again = stages.proved(other_forms(null, best), ())[0]
+            proofs = _with_second_tries(proofs, again)
+            best = best_start(ranked(proofs))
+        if best is not None and best.verdict != "rejected":
+            again = stages.proved(reduced_laws(null, best, found), ())[0]
+            proofs = _with_second_tries(proofs, again)
+            best = best_start(ranked(proofs))
+        if best is not None and leaves_something(best):
+            # They start from the best: a first pass that is worse has only not come back to it yet.
+            richer = richer_laws(null, self.loads.run, best, self.library, proofs)
+            proofs = _with_second_tries(proofs, stages.proved(richer, ())[0])
+        return proofs
+
+    def _with_storage(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
+        """All laws, with effects with states that a simulation shows, where no law is accepted and something
+        is left to explain."""
+        stand, found = self.stand, self.screens[0]
+        evidence = verdicts.Evidence(
+            stand.baseline, found, tuple(proofs), self.options.fitted, self.loads, stand.told
+        )
+        is_open = best_accepted(ranked(proofs)) is None and not self.loads.is_explained(evidence)
+        if is_open and not self.options.is_over:
+            proofs += stages.proved(stages.storage(found, self.candidates, proofs), proofs)[0]
+            proofs += stages.proved(stages.bent(found, self.candidates, proofs), proofs)[0]
+        return proofs
+
+
+def _by_states(chosen: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
+    """The trials without states of their own, and those with; of these the first alone leads
+    where none is without."""
+    quick = [one for one in chosen if not one.trial.candidate.effect.n_states]
+    slow = [one for one in chosen if one.trial.candidate.effect.n_states]
+    return (quick, slow) if quick else (slow[:1], slow[1:])
+
+
+def _with_leaders(wanted: Sequence[Trial], used: Screen | None) -> tuple[tuple[Trial, ...], int]:
+    """The trials, behind the first of them those that lead the screen in open loop; and how many of the
+    first ones that makes."""
+    if used is None:
+        return tuple(wanted), 1
+    leaders = [replace(trial, is_seen_in_use=True) for trial in trials(used, GATES.screen_level, MOST_IN_USE)]
+    marked = [
+        replace(trial, is_seen_in_use=any(_is_same(one, trial.candidate) for one in leaders))
+        for trial in wanted
+    ]
+    first = marked[:1]
+    known = [trial for trial in marked[1:] if trial.is_seen_in_use]
+    new = [one for one in leaders if not any(_is_same(one, trial.candidate) for trial in marked)]
+    rest = [trial for trial in marked[1:] if not trial.is_seen_in_use]
+    ahead = (*first, *known, *new)
+    return (*ahead, *rest), len(ahead)
+
+
+def _with_second_tries(proofs: Sequence[Proof], again: Sequence[Proof]) -> list[Proof]:
+    """All laws, each once: of two refits of one law at one place, from different starts, the likelier."""
+
+    def law(proof: Proof) -> tuple[str, str]:
+        return proof.candidate.effect.class_name, proof.candidate.site.name
+
+    tried = {law(proof) for proof in again}
+    likeliest = {
+        law(proof): proof
+        for proof in sorted((*proofs, *again), key=lambda p: p.fit.log_likelihood)
+        if law(proof) in tried
+    }
+    return [*(p for p in proofs if law(p) not in tried), *likeliest.values()]
+
+
+def _with_better_kinks(proofs: Sequence[Proof], rounded: Sequence[Proof]) -> list[Proof]:
+    """All laws, those with estimated kinks in place of the same ones without where they are worth their
+    parameters, and are not refused for what the others are not: a kink may become so sharp that no observer
+    follows it. A law that is refused for what it leaves is so with another kink that leaves the same."""
+    better = {
+        proof.candidate.name: _as_refused(proof, before)
+        for proof in rounded
+        for before in proofs
+        if before.candidate.name == proof.candidate.name
+        and proof.delta_bic > before.delta_bic
+        and _standing(proof) >= _standing(before)
+    }
+    return [better.get(proof.candidate.name, proof) for proof in proofs]
+
+
+def _as_refused(rounded: Proof, before: Proof) -> Proof:
+    """The proof with a rounded kink, refused where the same law without was for a form that it leaves, and
+    this one leaves it as significantly."""
+    if before.verdict != "rejected" or before.left is None or rounded.left is None:
+        return rounded
+    forms = [(form.load, form.variable, form.sign_of) for form in (before.left, rounded.left)]
+    if forms[0] != forms[1] or not is_significant(rounded.left, rounded.delta_log_likelihood):
+        return rounded
+    return replace(rounded, verdict="rejected", reason=before.reason, is_open=before.is_open)
+
+
+def _standing(proof: Proof) -> int:
+    """2 where a law is accepted, 1 where it is refused though nothing speaks against it, else 0."""
+    return 2 if proof.verdict != "rejected" else int(proof.is_open)
+
+
+def _unproved(
+    found: Screen, wanted: Sequence[Trial], proofs: Sequence[Proof], failed: Sequence[tuple[Trial, str]]
+) -> tuple[Unproved, ...]:
+    """Leaders of the screen without a refit, and other candidates whose refit failed."""
+    entries = {entry.candidate.name: entry for entry in found.entries}
+    result = []
+    reasons = {trial.candidate.name: (trial, reason) for trial, reason in failed}
+    best = best_accepted(proofs)
+    for trial in wanted:
+        if trial.candidate.name in reasons:
+            continue
+        reason = "not refitted: others came first"
+        if best is not None:
+            reason = f"not refitted: {best.candidate.label} says what it could say"
+        reasons[trial.candidate.name] = (trial, reason)
+    broken = {trial.candidate.name for trial, _ in failed}
+    for name, (trial, reason) in reasons.items():
+        if any(_is_same(trial, p.candidate) for p in proofs):
+            continue
+        entry = entries.get(name)
+        result.append(
+            Unproved(
+                candidate=trial.candidate,
+                equivalent=tuple(c.site.name for c in trial.alike),
+                score=0.0 if entry is None else entry.score,
+                p_value=1.0 if entry is None else entry.p_value,
+                sizes=trial.sizes,
+                reason=reason,
+                has_failed=name in broken,
+            )
+        )
+    return tuple(sorted(result, key=lambda u: -u.score))
+
+
+def _is_same(trial: Trial, candidate: Candidate) -> bool:
+    """Whether a candidate is the trial, at its place or at one that the sensors see alike."""
+    places = {trial.candidate.site.name, *(c.site.name for c in trial.alike)}
+    return trial.candidate.effect.class_name == candidate.effect.class_name and candidate.site.name in places

@@ -1,0 +1,172 @@
+"""The examination of a fitted null: screen, proof, verdict."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+from daest.diagnosis import verdict as verdicts
+from daest.diagnosis.candidates import keeping_order
+from daest.diagnosis.chosen import chosen_candidates
+from daest.diagnosis.course import Course
+from daest.diagnosis.disturbance import place_gains, smoothed_load
+from daest.diagnosis.free_forms import free_forms
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.learned import learned_load, said, with_formula
+from daest.diagnosis.next_experiment import Asked, computed
+from daest.diagnosis.null import Null, open_hold, with_other_hold
+from daest.diagnosis.open_loop import driven_share, open_screen
+from daest.diagnosis.options import DiagnoseOptions, Progress
+from daest.diagnosis.reasons import is_significant
+from daest.diagnosis.screen import NullObserver, run_null, screen
+from daest.diagnosis.stand import Stand, quiet
+from daest.diagnosis.unseen import innovations
+from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
+from daest.model.effects import Effect
+from daest.modelica.sites import sites
+from daest.numerics.deadline import OutOfTimeError, until
+
+CURVE_TIMES = 20.0  # those of the fit of the model as it is, that a refit with a curve may take
+CURVE_SECONDS = 60.0  # and that it may take in any case
+
+
+def examine(
+    stand: Stand,
+    library: Sequence[Effect],
+    options: DiagnoseOptions,
+    progress: Progress = lambda _: None,
+    watched: Callable[[Sequence[Proof]], None] = lambda _: None,
+) -> Diagnosis:
+    """Screen, proof and verdict for a fitted null. `watched` sees the first refits, best first, and may end
+    the examination by what it raises."""
+    with quiet():
+        return _examined(stand, library, options, progress, watched)
+
+
+def _examined(
+    stand: Stand,
+    library: Sequence[Effect],
+    options: DiagnoseOptions,
+    progress: Progress,
+    watched: Callable[[Sequence[Proof]], None],
+) -> Diagnosis:
+    candidates = chosen_candidates(library, sites(stand.declared), stand.null.experiments, options)
+    progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
+
+    def screened() -> tuple[Stand, tuple[Candidate, ...], NullObserver, Screen, Screen | None]:
+        null, reference = stand.null, stand.reference
+        run, known = run_null(null), keeping_order(null.flat, null.explicit, candidates)
+        found = screen(null, run, known, options.seed)
+        if reference is None or reference.adds_up:
+            return stand, known, run, found, None
+        return stand, known, run, found, open_screen(null, reference.fit, known, options.seed)
+
+    # All together: what comes from an earlier run shares its symbols.
+    names, began = [candidate.label for candidate in candidates], stand.began
+    parts = (stand.null.recorded_hold, stand.null.other_hold, names)
+    stand, candidates, run, found, used = options.step("screen", parts, stand.null.flat, screened)
+    stand = replace(stand, began=began)
+    if stand.reference is not None and stand.validation:
+        known = replace(stand.reference, innovations=innovations(run, stand.validation))
+        stand = replace(stand, reference=known)
+    null = stand.null
+    chosen_library = [
+        e for e in library if not options.effects or {e.name, e.class_name} & set(options.effects)
+    ]
+    gains = place_gains(null, run)
+    load = smoothed_load(null, run, gains)
+    forms = free_forms(null, run)
+    form = next(iter(forms), None)
+    loads = verdicts.Loads(stand.declared, null, run, gains, form)
+    course = Course(stand, loads, load, (found, used), candidates, chosen_library, options, progress, watched)
+    proofs, unproved, is_whole = course.proofs()
+    form = _told_by_rest(forms, proofs)
+    loads = replace(loads, form=form)
+    evidence = verdicts.Evidence(stand.baseline, found, proofs, options.fitted, loads, stand.told, unproved)
+    decided = verdicts.decide(evidence)
+    learned = None
+    is_curve = decided.name == "unknown effect" and form is not None and form.p_value < GATES.missing_level
+    if is_curve and form is not None and not options.is_over:
+        progress(f"refitting with the load as a curve over {form.label}")
+        longest = max(CURVE_SECONDS, CURVE_TIMES * stand.baseline.seconds)
+        with suppress(OutOfTimeError), until(time.monotonic() + longest):
+            learned = _learned(stand, run, form)
+        if learned is not None and learned.against:
+            decided = verdicts.decide(replace(evidence, rest=replace(loads, against_form=learned.against)))
+        elif learned is not None:
+            learned = with_formula(learned)
+    message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
+    message += _said_of_inputs(null) if decided.name not in ("supported", "nothing missing") else ""
+    return Diagnosis(
+        verdict=decided.name,
+        message=message if is_whole else f"{message} The time was up before all of them were refitted.",
+        baseline=stand.told,
+        proofs=decided.proofs,
+        unproved=unproved,
+        screen=found,
+        places=gains,
+        disturbance=form,
+        validation=stand.told.simulated.get("validation"),
+        next_experiment=_next_experiment(stand, decided, options),
+        seconds=time.perf_counter() - stand.began,
+        learned=learned if decided.name == "unknown effect" else None,
+        is_held=not null.estimated,
+        is_whole=is_whole,
+        is_by_colour=decided.is_by_colour,
+    )
+
+
+def _said_of_inputs(null: Null) -> str:
+    """A sentence on inputs that hardly move the fitted model; empty where they do."""
+    share = driven_share(null)
+    if share is None or share >= GATES.min_driven:
+        return ""
+    return (
+        f" The recorded inputs move the fitted model by {share:.1%} of what its outputs do: check their "
+        "columns and units, and the noise on them."
+    )
+
+
+def _next_experiment(stand: Stand, decided: verdicts.Decided, options: DiagnoseOptions) -> str:
+    """The experiment of the verdict; computed, where candidates are left that could not be told apart."""
+    null = stand.null
+    if decided.name != "cannot tell":
+        return decided.next_experiment
+    asked = Asked(decided.proofs, null.experiments, null.hold, options.seed)
+    return computed(asked, decided.next_experiment)
+
+
+def _learned(stand: Stand, run: NullObserver, form: FreeForm) -> LearnedLoad | None:
+    """The load as a curve, with the other hold where the curve settles that it is the better one."""
+    null = stand.null
+    learned = learned_load(null, run, stand.baseline, form, stand.validation, stand.reference)
+    if learned is None or learned.fit is None:
+        return learned
+    hold = open_hold(null, learned.fit.log_likelihood - stand.baseline.log_likelihood)
+    if hold is None:
+        return learned
+    validation = stand.validation if stand.other_validation is None else stand.other_validation
+    again = with_other_hold(null)
+    other = learned_load(again, run, stand.baseline, form, validation, stand.reference)
+    if other is None or other.fit is None:
+        return learned
+    return other if other.fit.log_likelihood > learned.fit.log_likelihood + GATES.min_hold_gain else learned
+
+
+def _told_by_rest(forms: Sequence[FreeForm], proofs: Sequence[Proof]) -> FreeForm | None:
+    """The form over the variable that the most likely wrong law leaves, if it says much; else the first.
+
+    Forms with the same sign share most of what they say, that of dry friction. What is beyond it shows beside
+    a law that takes that part."""
+    wrong = [p for p in proofs if p.left is not None and is_significant(p.left, p.delta_log_likelihood)]
+    nearest = max(wrong, key=lambda p: p.delta_log_likelihood, default=None)
+    if nearest is None or nearest.left is None or not forms:
+        return next(iter(forms), None)
+    key = (nearest.left.load, nearest.left.variable, nearest.left.sign_of)
+    same = [f for f in forms if (f.load, f.variable, f.sign_of) == key]
+    return next(
+        (f for f in same if f.log_likelihood_gain > GATES.min_same_form * forms[0].log_likelihood_gain),
+        forms[0],
+    )

@@ -1,0 +1,97 @@
+"""The hold of the inputs that the other one may be better than: between samples, or on straight lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from daest.diagnosis.candidates import fed
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.null import open_hold, refitted, with_other_hold
+from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.ranking import best_accepted, best_start
+from daest.diagnosis.stand import Stand
+from daest.errors import DaestError
+from daest.model.diagnosis import Diagnosis, Proof
+from daest.model.flat import with_equations
+from daest.model.holds import Hold, hold_text
+from daest.systems.reduce import reduce_index
+
+AGAIN = "with the effect, {} after all: once more"
+BACK = "that says less: on as if {}"
+IN_VAIN = "nothing was accepted: once more as if {}"
+
+
+class HeldOtherwiseError(Exception):
+    """With the best of the first refits, `proofs`, the inputs were held as `hold` has it: the others would be
+    refitted in vain."""
+
+    def __init__(self, hold: Hold, proofs: Sequence[Proof]) -> None:
+        super().__init__(hold_text(hold))
+        self.hold, self.proofs = hold, tuple(proofs)
+
+
+@dataclass(frozen=True)
+class Holds:
+    """Asks candidates for the other hold, each once: `known` are the answers, by the name of the candidate
+    and its log-likelihood."""
+
+    stand: Stand
+    options: DiagnoseOptions
+    known: dict[tuple[str, float] | None, Hold | None] = field(default_factory=dict)
+
+    def better(self, proofs: Sequence[Proof]) -> Hold | None:
+        """As `better_hold`."""
+        best = best_start(proofs)
+        key = None if best is None else (best.candidate.name, best.fit.log_likelihood)
+        if key not in self.known:
+            self.known[key] = better_hold(self.stand, proofs)
+        return self.known[key]
+
+    def watched(self, proofs: Sequence[Proof]) -> None:
+        """Raises HeldOtherwiseError where the other hold is the better one, and there is time for it."""
+        hold = None if self.options.is_over else self.better(proofs)
+        if hold is not None:
+            raise HeldOtherwiseError(hold, proofs)
+
+
+def better_hold(stand: Stand, proofs: Sequence[Proof]) -> Hold | None:
+    """The other hold, where the best candidate fits better with it: the best accepted one, or else the most
+    likely, which unseen data may refuse for nothing but the wrong hold."""
+    null, best = stand.null, best_start(proofs)
+    hold = None if best is None else open_hold(null, best.delta_log_likelihood)
+    if best is None or hold is None:
+        return None
+    other = with_other_hold(null)
+    other = replace(other, experiments=fed(other.experiments, best.candidate))
+    names = tuple(p.name for p in best.fit.parameters)
+    try:
+        hopeless = best.fit.log_likelihood - GATES.hopeless_log_likelihood
+        flat = with_equations(best.flat, "a refit")
+        fit = refitted(flat, reduce_index(flat), names, other, hopeless=hopeless).fit
+    except DaestError:
+        return None
+    return hold if fit.log_likelihood > best.fit.log_likelihood + GATES.min_hold_gain else None
+
+
+def unsettled_hold(stand: Stand, found: Diagnosis) -> Hold | None:
+    """The other hold, where something is missing, no candidate was accepted, and the data have not clearly
+    refused it: with the wrong hold half a sample of delay is left, and the right law is refused for that."""
+    if best_accepted(found.proofs) is not None or found.verdict in ("nothing missing", "parameters off"):
+        return None
+    return open_hold(stand.null)
+
+
+def says_more(proofs: Sequence[Proof], stand: Stand) -> bool:
+    """Whether a candidate was accepted that fits better than the model as it is with the hold of `stand`."""
+    best = best_accepted(proofs)
+    return best is not None and best.fit.log_likelihood > stand.baseline.log_likelihood + GATES.min_hold_gain
+
+
+def says_as_much(proofs: Sequence[Proof], first: Sequence[Proof]) -> bool:
+    """Whether an accepted candidate is at least as likely as the one of the `first` proofs, with whose law
+    the other hold looked better: in a search of its own that hold may have no use for the law."""
+    before, best = best_accepted(first), best_accepted(proofs)
+    if before is None or best is None:
+        return before is None
+    return best.fit.log_likelihood >= before.fit.log_likelihood

@@ -1,0 +1,129 @@
+"""A candidate by its simulation: its fit in open loop, at the place that the screen may not tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+
+from daest.diagnosis.candidates import fed
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.open_loop import ITERATIONS as IN_USE
+from daest.diagnosis.open_loop import fitted_in_use, is_far_behind
+from daest.diagnosis.proof import Reference, Searched, by_simulation, has_lost_its_way
+from daest.diagnosis.search import Search, as_prepared, at_other_places, end_of_search, likeliest_judged
+from daest.diagnosis.settled import FAILURES
+from daest.diagnosis.stand import Stand
+from daest.diagnosis.trials import GENTLE, Prepared, prepare
+from daest.model.diagnosis import Proof
+from daest.model.fit import FitResult
+
+FIRST_IN_USE = 5  # iterations of a simulation's fit, after which it may be far behind the leader
+
+
+def shown_in_use(search: Search, prepared: Prepared, beside: Proof, accepted: Proof | None = None) -> Proof:
+    """The proof of a candidate by its simulation; that `beside` the loads where a simulation does not show
+    it. `accepted` is a law that does show there what the candidate may be.
+
+    The screen tells places apart by what a law of hardly any size does there. A dead zone of finite width
+    before a pump that cannot draw is not one behind the sensor: of the places that the screen sees alike,
+    the one with the likeliest simulation is taken, and those that simulate as well are equivalent."""
+    stand = search.stand
+    if stand.reference is None or stand.reference.simulated is None:
+        return beside
+    found: list[tuple[Prepared, FitResult]] = []
+    for make in [None, *at_other_places(search, prepared)]:
+        with suppress(*FAILURES):
+            here = prepared if make is None else make()
+            fit = _fitted_there(stand, stand.reference, here, found[:1])
+            if fit is not None:
+                found.append((here, fit))
+    if not found:
+        return beside
+    most = max(fit.log_likelihood for _, fit in found)
+    best, *others = [pair for pair in found if pair[1].log_likelihood >= most - GATES.same_fit]
+    there, fit = best
+    candidate = there.trial.candidate
+    proof = beside if candidate.site == beside.candidate.site else _beside_loads(search, there)
+    if proof is None:
+        return beside
+    null = replace(stand.null, experiments=fed(stand.null.experiments, candidate))
+    validation = fed(stand.validation, candidate)
+    shown = by_simulation(null, there, proof, fit, validation, stand.reference, search.n_screened, accepted)
+    if shown.verdict == "rejected":
+        return beside
+    return replace(shown, equivalent=tuple(other.trial.candidate.site.name for other, _ in others))
+
+
+def _beside_loads(search: Search, prepared: Prepared) -> Proof | None:
+    """The proof of a candidate beside the loads, from a gentle effect where the search loses its way; None
+    where it cannot be refitted."""
+    null = search.stand.null
+    gentle = partial(prepare, null.flat, null.estimated, prepared.trial, share=GENTLE, sharper=1.0)
+    ends: list[Searched] = []
+    for start in (partial(as_prepared, prepared), gentle):
+        with suppress(*FAILURES):
+            ends.append(end_of_search(search, start()))
+            if not has_lost_its_way(ends[-1]):
+                break
+    return likeliest_judged(search, ends, [])
+
+
+def _fitted_there(
+    stand: Stand,
+    reference: Reference,
+    here: Prepared,
+    first: Sequence[tuple[Prepared, FitResult]],
+) -> FitResult | None:
+    """The best simulation of a law at one of its places: from where it ends at the `first` one, if there is
+    one and it does the same here; else from its own starts."""
+    if first:
+        with suppress(*FAILURES):
+            again = _fitted_in_use(stand, reference, here, _as_begun(first[0], here))
+            if again and abs(again.log_likelihood - first[0][1].log_likelihood) < GATES.same_fit:
+                return again
+    return _fitted_in_use(stand, reference, here)
+
+
+def _as_begun(first: tuple[Prepared, FitResult], here: Prepared) -> dict[str, float]:
+    """The parameters of a law at another place, at the values that simulate best at the `first` one."""
+    own, other = (one.trial.candidate.name for one in (here, first[0]))
+    names = {name: name.replace(f"{own}.", f"{other}.", 1) for name in here.names}
+    return {name: first[1].theta[before] for name, before in names.items() if before in first[1].theta}
+
+
+def is_hopeless_in_use(search: Search, prepared: Prepared) -> bool:
+    """Whether a few iterations leave the simulation of a candidate far behind that of the leader, of what it
+    is fitted to and of unseen data alike: the rest of its search would be in vain."""
+    stand, leader = search.stand, search.leader
+    if leader is None or leader.final is None or leader.adds_up or stand.reference is None:
+        return False
+    try:
+        first = _fitted_in_use(stand, stand.reference, prepared, iterations=FIRST_IN_USE)
+    except FAILURES:
+        return False
+    return first is not None and is_far_behind(first.simulated, leader.final.simulated)
+
+
+def _fitted_in_use(
+    stand: Stand,
+    reference: Reference,
+    prepared: Prepared,
+    begun: Mapping[str, float] | None = None,
+    iterations: int = IN_USE,
+) -> FitResult | None:
+    """The best simulation of a candidate, or the one from where it has `begun`, if that is known; None where
+    there is none."""
+    candidate = prepared.trial.candidate
+    return fitted_in_use(
+        stand.null,
+        prepared.flat,
+        prepared.names,
+        [f"{candidate.name}.{p.name}" for p in candidate.effect.sizes],
+        reference.fit,
+        fed(stand.null.experiments, candidate),
+        fed(stand.validation, candidate),
+        begun,
+        iterations,
+    )

@@ -1,0 +1,413 @@
+"""Proofs beside each other: which is best, which cannot be told from it, which could still compete."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from daest.diagnosis.candidates import scaled_shapes
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.reasons import is_significant
+from daest.diagnosis.trials import Trial
+from daest.diagnosis.unseen import is_worse
+from daest.model.diagnosis import Ahead, Candidate, Proof, Screen
+from daest.model.fit import FittedParameter, error_ratios
+
+
+def could_compete(trial: Trial, best: Proof | None, screen: Screen) -> bool:
+    """Whether a candidate may come near the best accepted one, to judge by their scores.
+
+    Where the best leaves nothing, its response is all that is missing, and a candidate whose response has the
+    correlation ρ with it gains about ρ² of what it gains.
+    """
+    if best is None or best.left is None or is_significant(best.left, best.delta_log_likelihood):
+        return True
+    if may_be_of_the_kink(best, trial.candidate):
+        return True
+    names = [entry.candidate.name for entry in screen.entries]
+    if not {best.candidate.name, trial.candidate.name} <= set(names):
+        return True
+    correlation = screen.correlation[names.index(best.candidate.name), names.index(trial.candidate.name)]
+    return bool((1.0 - correlation**2) * best.delta_log_likelihood < GATES.hopeless_log_likelihood)
+
+
+def least_hope(leader: Proof | None, candidate: Candidate) -> float:
+    """The log-likelihood below which the refit of another `candidate` is not pursued."""
+    if leader is None or may_be_of_the_kink(leader, candidate):
+        return -np.inf
+    return leader.fit.log_likelihood - GATES.hopeless_log_likelihood
+
+
+def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
+    """Best first. Accepted candidates that are rivals of the best (`_is_rival`) are not separable from it: of
+    them, those come first that foresee unseen data clearly better, then the likeliest. A law that the best
+    one only rounds otherwise (`_is_rounded_otherwise`) is not separable from it, either. Where a refused one
+    is far more likely, none is the explanation."""
+    order = sorted(_on_one_basis(proofs), key=lambda p: (p.verdict == "rejected", -p.delta_bic))
+    accepted = [p for p in order if p.verdict == "supported"]
+    if not accepted:
+        return tuple(order)
+    best = _simplest(accepted)
+    stronger = _far_more_likely(order, best)
+    if stronger is not None:
+        worse = stronger.delta_bic - best.delta_bic
+        better = f"{stronger.candidate.label} explains the data far better (BIC {worse:.0f})"
+        reason = f"{better}, but {stronger.reason}"
+        return tuple(
+            p if p.verdict == "rejected" else replace(p, verdict="rejected", reason=reason) for p in order
+        )
+    close = [p for p in accepted if _is_rival(p, best)]
+    same = [p for p in accepted if p is not best and _is_same_equation(p, best)]
+    close = [p for p in close if p not in same]
+    nested = [p for p in close if _is_same_beside_a_load(p, best)]
+    close = [p for p in close if p not in nested]
+    twins = [p for p in close if p is not best and _is_twin(p, best)]
+    close = [p for p in close if p not in twins]
+    doubted = [p for p in order if p not in close and _is_rounded_otherwise(p, best)]
+    close += doubted
+    result = []
+    for proof in order:
+        if proof.verdict == "rejected" and proof not in doubted:
+            result.append(proof)
+        elif proof in twins:
+            reason = f"the data do not tell it from the same effect at {best.candidate.site.name}"
+            result.append(replace(proof, verdict="rejected", reason=reason))
+        elif proof in nested:
+            reason = f"beside a constant load it says no more than {best.candidate.label}"
+            result.append(replace(proof, verdict="rejected", reason=reason))
+        elif proof in close:
+            others = tuple(p.candidate.label for p in close if p is not proof)
+            alike = tuple(p.candidate.site.name for p in twins if proof is best)
+            result.append(
+                replace(
+                    proof,
+                    equivalent=(*proof.equivalent, *(name for name in alike if name not in proof.equivalent)),
+                    not_separable_from=others,
+                    verdict="not separable" if others else "supported",
+                    reason="",
+                    same_as=tuple(p.candidate.label for p in same) if proof is best else (),
+                )
+            )
+        else:
+            worse = best.delta_bic - proof.delta_bic
+            if proof in same:
+                reason = f"it is the same equation as {best.candidate.label}"
+                result.append(replace(proof, verdict="rejected", reason=reason))
+                continue
+            reason = f"{best.candidate.label} explains the data better (BIC {worse:.0f})"
+            if worse < 0.0:
+                reason = f"{best.candidate.label} says nearly as much with fewer parameters"
+            result.append(replace(proof, verdict="rejected", reason=reason))
+    return tuple(sorted(result, key=partial(_place, best)))
+
+
+def _on_one_basis(proofs: Sequence[Proof]) -> list[Proof]:
+    """Where a law is accepted for what its simulation gains, all that are accepted count by that: with an
+    observer, much of the same law goes into the loads, and its gain is another one. An open law that its
+    simulation shows more clearly than all of them is then accepted, too, whatever it leaves for the loads.
+
+    All count for as many independent samples, the fewest of any. How many a law has goes with how long its
+    errors last: one that leaves slow ones alone would gain less than one that leaves more of every kind."""
+    if not any(p.is_by_use and p.verdict != "rejected" for p in proofs):
+        return list(proofs)
+    known = [p.in_use for p in proofs if _is_compared(p) and p.in_use.n_independent]
+    fewest = min(used.n_independent for used in known), min(used.n_unseen for used in known)
+    found = [_by_use(p, *fewest) if _is_compared(p) else p for p in proofs]
+    pairs = list(zip(proofs, found, strict=True))
+    least = GATES.same_bic + max(
+        new.delta_bic for old, new in pairs if old.verdict != "rejected" and new.is_by_use
+    )
+    return [old if old.verdict == "rejected" and new.delta_bic <= least else new for old, new in pairs]
+
+
+def _is_compared(proof: Proof) -> bool:
+    """Whether a law counts by its simulation where laws do: one that is accepted, or open and shown by it."""
+    return proof.verdict != "rejected" or (proof.is_open and proof.is_shown)
+
+
+def _by_use(proof: Proof, n_independent: float, n_unseen: float) -> Proof:
+    """The proof with the evidence of its simulation for that many independent samples; as it is where that
+    is unknown."""
+    if not proof.in_use.n_independent:
+        return proof
+    used = replace(proof.in_use, n_independent=n_independent, n_unseen=n_unseen)
+    return replace(
+        proof,
+        delta_log_likelihood=used.gain,
+        delta_bic=used.bic(len(proof.candidate.estimated)),
+        verdict="supported",
+        reason="",
+        is_by_use=True,
+    )
+
+
+def _place(best: Proof, proof: Proof) -> tuple[bool, float, int, float]:
+    """What a proof is ranked by, smallest first. Of laws that foresee unseen data clearly better and alike,
+    the one with the fewest parameters of any kind is first."""
+    ratio = 1.0 if proof.verdict == "rejected" or _is_vague(proof, best) else _unseen_ratio(best, proof)
+    n_parameters = len(proof.candidate.effect.parameters) if ratio < GATES.max_rival_error else 0
+    ratio = round(min(ratio, GATES.max_rival_error), 2)
+    return proof.verdict == "rejected", ratio, n_parameters, -proof.delta_bic
+
+
+def _is_same_equation(one: Proof, other: Proof) -> bool:
+    """Whether two laws do the same under two names: as a heat flow into a node and a gain in proportion to
+    it; or as an offset and a dead zone of which the recordings show one side alone."""
+    if abs(one.delta_log_likelihood - other.delta_log_likelihood) > GATES.same_equation:
+        return False
+    values, others = (_values_of_model(p) for p in (one, other))
+    return len(_own_sizes(one)) == len(_own_sizes(other)) and all(
+        abs(a.value - b.value) <= GATES.same_equation * (a.std_error or 0.0)
+        for a, b in zip(values, others, strict=True)
+    )
+
+
+def _is_same_beside_a_load(richer: Proof, simple: Proof) -> bool:
+    """Whether a law goes beyond one for the same quantity by parameters that only make up for a constant
+    load: where each recording has one, both foresee unseen data alike."""
+    if simple.steady_error is None or richer.steady_error is None:
+        return False
+    units, others = ([p.unit for p in law.candidate.effect.sizes] for law in (richer, simple))
+    return (
+        units == others
+        and len(_own_sizes(richer)) > len(_own_sizes(simple))
+        and richer.steady_error > (1.0 - GATES.same_unseen_error) * simple.steady_error
+    )
+
+
+def _is_twin(one: Proof, other: Proof) -> bool:
+    """Whether two laws are the same effect at two places that the data hardly tell apart, with the same
+    estimates: which effect it is is known, where it is not."""
+    if one.candidate.effect.class_name != other.candidate.effect.class_name:
+        return False
+    if abs(one.delta_log_likelihood - other.delta_log_likelihood) > GATES.same_fit_elsewhere:
+        return False
+    values, others = ({p.name.rpartition(".")[2]: p for p in _told_of_effect(law)} for law in (one, other))
+    return values.keys() == others.keys() and all(
+        a.unit == others[name].unit and _agree(a, others[name]) for name, a in values.items()
+    )
+
+
+def _told_of_effect(proof: Proof) -> list[FittedParameter]:
+    return [p for p in proof.told.parameters if p.name in proof.candidate.estimated]
+
+
+def _agree(a: FittedParameter, b: FittedParameter) -> bool:
+    """Whether two estimates are within one standard error of their difference."""
+    return abs(a.value - b.value) <= np.hypot(a.std_error or 0.0, b.std_error or 0.0)
+
+
+def _values_of_model(proof: Proof) -> list[FittedParameter]:
+    """The parameters but those of the effect, which each law counts in its own unit."""
+    own = f"{proof.candidate.name}."
+    return [p for p in proof.fit.parameters if not p.name.startswith(own)]
+
+
+def best_accepted(proofs: Sequence[Proof]) -> Proof | None:
+    """The first of `ranked` proofs that is accepted, be it separable from others or not; None where all are
+    rejected."""
+    return next((p for p in proofs if p.verdict != "rejected"), None)
+
+
+def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
+    """A refused candidate beside which the best accepted one explains little; not one that foresees unseen
+    data clearly worse: it owes its likelihood to what does not last. One that unseen data speak against where
+    their predictions are compared, and for where their simulation is, contradicts itself: until it is known
+    why, none is the explanation."""
+    refused = [p for p in order if p.verdict == "rejected" and (_is_in_the_way(p, best) or _is_torn(p, best))]
+    strongest = max(refused, key=lambda p: p.delta_log_likelihood, default=None)
+    if (
+        strongest is None
+        or GATES.min_refused_gain * strongest.delta_log_likelihood < best.delta_log_likelihood
+    ):
+        return None
+    return strongest
+
+
+def _is_in_the_way(refused: Proof, best: Proof) -> bool:
+    if not refused.is_open or _ends_in_a_simpler_law(refused, best):
+        return False
+    return _is_likelier_part(refused, best) or not _unseen_ratio(refused, best) < GATES.max_rival_error
+
+
+def _ends_in_a_simpler_law(refused: Proof, best: Proof) -> bool:
+    """Whether a law with more parameters at the place of the best one has come to a bound of one of them: it
+    is the same law there, rounded otherwise, and no other that acts."""
+    own = f"{refused.candidate.name}."
+    rests = any(p.at_bound for p in refused.fit.parameters if p.name.startswith(own))
+    more = len(refused.candidate.estimated) > len(best.candidate.estimated)
+    unit = refused.candidate.effect.sizes[0].unit == best.candidate.effect.sizes[0].unit
+    return rests and more and unit and refused.candidate.site == best.candidate.site
+
+
+def _is_likelier_part(refused: Proof, best: Proof) -> bool:
+    """Whether the best law is the sum of another one and something besides, and yet less likely than that
+    alone: what it owes to the other part belongs to a third effect that the model lacks, too."""
+    one, other = refused.candidate, best.candidate
+    is_part = one.effect.name in other.effect.sum_of and one.site == other.site
+    return is_part and refused.delta_bic > best.delta_bic + GATES.same_bic
+
+
+def _is_torn(refused: Proof, best: Proof) -> bool:
+    """Whether predictions of unseen data speak against a law, and their simulation for it."""
+    is_refuted = any(is_worse(one) for one in refused.ahead)
+    return is_refuted and _unseen_ratio(best, refused) < GATES.max_rival_error
+
+
+def _is_rival(one: Proof, best: Proof) -> bool:
+    """Whether an accepted law is not put aside by the best one: it is as likely; or it foresees unseen data
+    clearly better, which counts where the rest of the model is not right either. One that goes beyond the
+    best by parameters that nobody knows is a rival where they make it likelier: without them it is the best
+    one, which no data could tell it from. A law that is better in one output and worse in another is missing
+    besides."""
+    if _is_of_the_kink(one, best):
+        return False
+    if _is_vague(one, best):
+        return one.delta_bic > best.delta_bic
+    return (
+        abs(best.delta_bic - one.delta_bic) <= GATES.same_bic
+        or _unseen_ratio(best, one) < GATES.max_rival_error
+        or _is_as_good(best, one)
+    )
+
+
+def _is_as_good(best: Proof, one: Proof) -> bool:
+    """Whether another law with as many parameters foresees unseen data as well, and is not very much less
+    likely: the drift of a sensor and a constant load on a body that turns freely."""
+    is_other = best.candidate.effect.class_name != one.candidate.effect.class_name
+    if not is_other or len(_own_sizes(best)) != len(_own_sizes(one)):
+        return False
+    is_likely = abs(best.delta_bic - one.delta_bic) <= GATES.min_bic_gain
+    if one.adds_up:
+        ratios = list(ahead_of(best.ahead, one.ahead).values())
+    else:
+        ratios = list(error_ratios(best.told.simulated, one.told.simulated))
+    return is_likely and bool(ratios) and all(abs(r - 1.0) <= GATES.same_unseen_error for r in ratios)
+
+
+def ahead_of(best: Sequence[Ahead], one: Sequence[Ahead]) -> dict[int, float]:
+    """Errors of predictions of unseen data relative to those of the best law, by horizon in samples, where
+    both are known."""
+    known = {a.samples: a.ratio for a in best}
+    return {a.samples: a.ratio / known[a.samples] for a in one if a.samples in known}
+
+
+def _unseen_ratio(best: Proof, one: Proof) -> float:
+    """Error of `one` on unseen data relative to that of `best`: of the whole simulation, or of predictions at
+    the longest horizon where the simulation is dead reckoning. inf where it is unknown, or an output gets
+    worse. A law that is better by no more than a constant load is not better: where it is known, that with
+    one counts (`with_steady_error`)."""
+    if one.adds_up:
+        ahead = ahead_of(best.ahead, one.ahead)
+        return ahead[max(ahead)] if ahead else np.inf
+    ratios = error_ratios(best.told.simulated, one.told.simulated)
+    if not ratios or max(ratios) > 1.0 + GATES.same_unseen_error:
+        return np.inf
+    whole = float(np.sqrt(np.mean(np.square(ratios))))
+    if best.steady_error and one.steady_error is not None:
+        return max(whole, one.steady_error / best.steady_error)
+    return whole
+
+
+def _is_vague(richer: Proof, simple: Proof) -> bool:
+    """Whether a law at the place of a simple one goes beyond it by parameters of which the data leave one
+    undetermined: it may stand for the way in which the simple law is rounded."""
+    known = {p.name.rpartition(".")[2] for p in _own_sizes(simple)}
+    more = [p for p in _own_sizes(richer) if p.name.rpartition(".")[2] not in known]
+    return (
+        richer.candidate.site == simple.candidate.site
+        and len(_own_sizes(richer)) > len(known)
+        and simple.delta_log_likelihood > GATES.min_vague_gain * richer.delta_log_likelihood
+        and any(p.at_bound or abs(p.value) < GATES.min_significance * (p.std_error or np.inf) for p in more)
+    )
+
+
+def _is_of_the_kink(richer: Proof, simple: Proof) -> bool:
+    """Whether a law at the place of a simple one for the same quantity has its form within what its own kink
+    is rounded over: it says how the kink is, which is sharper than either is rounded, and no more."""
+    gains_enough = simple.delta_log_likelihood > GATES.min_kinked_gain * richer.delta_log_likelihood
+    return gains_enough and may_be_of_the_kink(richer, simple.candidate)
+
+
+def _is_rounded_otherwise(simple: Proof, best: Proof) -> bool:
+    """Whether a law that is refused, or less likely, may be so for nothing but how its kink is rounded."""
+    least = GATES.min_kinked_gain if simple.verdict == "rejected" else GATES.min_doubted_gain
+    gains_enough = simple.delta_log_likelihood > least * best.delta_log_likelihood
+    return gains_enough and may_be_of_the_kink(best, simple.candidate)
+
+
+def may_be_of_the_kink(richer: Proof, simple: Candidate) -> bool:
+    one = richer.candidate
+    is_beyond = len(one.estimated) > len(simple.estimated)
+    is_alike = one.site == simple.site and one.effect.sizes[0].unit == simple.effect.sizes[0].unit
+    return is_beyond and is_alike and _has_form_in_kink(richer)
+
+
+def _has_form_in_kink(proof: Proof) -> bool:
+    effect, theta = proof.candidate.effect, proof.told.theta
+    value = {p.name: theta.get(f"{proof.candidate.name}.{p.name}", np.nan) for p in effect.parameters}
+    kinks = {p.scale_of: value[p.name] for p in effect.parameters if p.role == "sharpness"}
+    forms = [p for p in scaled_shapes(proof.candidate) if p.scale_of in kinks]
+    return any(abs(value[p.name]) < GATES.max_form_in_kink * kinks[p.scale_of] for p in forms)
+
+
+def _own_sizes(proof: Proof) -> list[FittedParameter]:
+    return [p for p in proof.fit.parameters if p.name.startswith(f"{proof.candidate.name}.")]
+
+
+def _simplest(accepted: Sequence[Proof]) -> Proof:
+    """The best by BIC, or one at the same place with fewer parameters that gains nearly as much: with much
+    data, the way in which a law is rounded is significant, too (`_is_of_the_kink`). Of laws that are the same
+    on these data, the one with the fewest parameters of any kind, and then with the fewest connectors: what
+    runs over is lost, as long as nothing tells where it goes."""
+    same = [p for p in accepted if p is accepted[0] or _is_same_equation(p, accepted[0])]
+    best = min(same, key=lambda p: (len(p.candidate.effect.parameters), len(p.candidate.effect.connectors)))
+    simpler = [
+        p
+        for p in accepted
+        if _is_same_beside_a_load(best, p)
+        or _is_of_the_kink(best, p)
+        or (
+            p.candidate.site == best.candidate.site
+            and len(p.fit.parameters) < len(best.fit.parameters)
+            and (
+                p.delta_log_likelihood > GATES.min_simpler_gain * best.delta_log_likelihood
+                or _is_vague(best, p)
+            )
+        )
+    ]
+    return min(simpler, key=lambda p: len(p.fit.parameters), default=best)
+
+
+def leader_of(proofs: Sequence[Proof]) -> Proof | None:
+    """The most likely candidate that is supported."""
+    supported = [p for p in proofs if p.verdict == "supported"]
+    return max(supported, key=lambda p: p.fit.log_likelihood, default=None)
+
+
+def is_settled(proofs: Sequence[Proof]) -> bool:
+    """Whether the best candidate is accepted and leaves little that follows a variable."""
+    best = best_accepted(proofs)
+    if best is None or best.left is None:
+        return False
+    return not is_significant(best.left, best.delta_log_likelihood)
+
+
+def most_likely(proofs: Sequence[Proof]) -> Proof | None:
+    return max(
+        (p for p in proofs if p.delta_bic > GATES.min_bic_gain), key=lambda p: p.delta_bic, default=None
+    )
+
+
+def best_start(proofs: Sequence[Proof]) -> Proof | None:
+    """The candidate from which a richer law would start: the best accepted one, or the most likely of those
+    that say too little."""
+    return best_accepted(proofs) or most_likely(proofs)
+
+
+def leaves_something(proof: Proof) -> bool:
+    """Whether the rest of the load follows a variable a little more than by chance: a richer law may do."""
+    return proof.left is None or proof.left.p_value < GATES.richer_level

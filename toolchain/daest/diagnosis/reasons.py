@@ -1,0 +1,270 @@
+"""Why a law that was refitted is not the one that acts: each reason a sentence, empty where it is none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from daest.diagnosis.candidates import scaled_by, scaled_shapes
+from daest.diagnosis.free_forms import covers
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.null import Null, grown
+from daest.diagnosis.open_loop import driven_share, largest_values
+from daest.diagnosis.screen import NullObserver, law_response, run_null
+from daest.diagnosis.trials import Prepared
+from daest.errors import DaestError
+from daest.model.diagnosis import Candidate, FreeForm
+from daest.model.effects import EffectParameter
+from daest.model.fit import FitResult, FittedParameter
+from daest.quantities import spoken_duration
+
+LOST = (
+    5.0  # log-likelihood below that of the null, which a law contains, from which a search has lost its way
+)
+PLACED = 0.5  # of what its variable reaches, from which a shape is looked for as a place along it
+
+
+def undriven(model: Null) -> str:
+    """Why nothing can be told of a model that its inputs hardly move; empty where they do, or none moves.
+
+    What acts instead is unknown, and all forces may be larger together. Noise in a recorded input has the
+    same effect: the fit does without it."""
+    share = driven_share(model)
+    if share is None or share >= GATES.min_driven:
+        return ""
+    return f"the recorded inputs move the model by {share:.1%} of what its outputs do: no size can be told"
+
+
+def without_evidence(gain: float, delta_bic: float, p_value: float, n_screened: int) -> str:
+    """Why the likelihood says too little; empty where it says enough."""
+    if gain < -LOST:
+        return f"the search lost its way: it ends {-gain:.0f} below the likelihood of the model as it is"
+    if delta_bic < GATES.min_bic_gain:
+        return f"the likelihood gains too little for its parameters (BIC gain {delta_bic:.1f})"
+    if p_value > GATES.max_chance:
+        return f"a search over {n_screened} candidates finds as much by chance (p = {p_value:.1g})"
+    return ""
+
+
+def weak(prepared: Prepared, fit: FitResult) -> str:
+    """Why its shape or its sizes prove nothing; empty where they do."""
+    candidate = prepared.trial.candidate
+    found = {p.name: p for p in fit.parameters}
+    for shape in (p for p in candidate.effect.parameters if p.role == "shape"):
+        own = found.get(f"{candidate.name}.{shape.name}")
+        if own is not None and own.at_bound:
+            return f"its {shape.name} rests at its bound ({own.at_bound} = {own.value:.4g})"
+    reasons = []
+    for parameter in candidate.effect.sizes:
+        size = found.get(f"{candidate.name}.{parameter.name}")
+        if size is None:
+            continue
+        # Beside estimated shapes a size alone tells little: there the likelihood ratio has spoken.
+        shares = sum(p.estimate for p in candidate.effect.parameters) > len(candidate.effect.sizes)
+        least = GATES.min_dynamic_significance if candidate.is_dynamic else GATES.min_significance
+        certainty = _certainty(candidate, fit, size, parameter)
+        reason = _weak_size(size, parameter.null or 0.0, 0.0 if shares else least, certainty)
+        if not reason:
+            return ""
+        reasons.append(reason)
+    return "; ".join(reasons) or "its size was not estimated"
+
+
+def vanished(candidate: Candidate, told: FitResult) -> str:
+    """Why the law is not there, where without coloured loads its sizes go to where it does nothing: what
+    foresees unseen data better are then the other parameters. Empty where one stays."""
+    found = {p.name: p for p in told.parameters}
+    sizes = [(found.get(f"{candidate.name}.{p.name}"), p.null or 0.0) for p in candidate.effect.sizes]
+    reasons = [
+        _weak_size(size, null, 0.0, np.inf)
+        for size, null in sizes
+        if size is not None and size.at_bound and abs(size.value - null) < abs(size.initial - null)
+    ]
+    if not reasons or len(reasons) < len(sizes) or not all(reasons):
+        return ""
+    return f"without unknown loads {'; '.join(reasons)}"
+
+
+def not_determined(candidate: Candidate, told: FitResult) -> str:
+    """Why the law is not the one that the data show, where they determine none of its parameters: it then
+    stands for any law that does the same in these data. Empty where at least one of them is known."""
+    law = {
+        f"{candidate.name}.{p.name}": p for p in candidate.effect.parameters if p.role in ("size", "shape")
+    }
+    own = [p for p in told.parameters if p.name in law]
+    unknown = [
+        told_value(p)
+        for p in own
+        if not _is_known(p, law[p.name], _certainty(candidate, told, p, law[p.name]))
+    ]
+    if not own or len(unknown) < len(own):
+        return ""
+    return f"the data determine none of its parameters ({', '.join(unknown)})"
+
+
+def without_form(model: Null, candidate: Candidate, told: FitResult) -> str:
+    """Why the law is not what its name says, where a length or speed over which it has its form is so large
+    that the recordings show a part of the form alone, which may belong to any other: a third of a period is a
+    cubic spring beside a constant force. Empty where it is not."""
+    scaled = [p for p in scaled_shapes(candidate) if not _is_place(p)]
+    reached = (
+        largest_values(grown(model, model.flat, model.explicit, told, model.experiments)) if scaled else {}
+    )
+    for p in scaled:
+        value = abs(told.theta[f"{candidate.name}.{p.name}"])
+        most = reached.get(scaled_by(candidate, p), np.inf)
+        if value > GATES.max_scale * most:
+            return f"the recordings (to {most:.4g}) show too little of its form ({p.name} = {value:.4g})"
+    return ""
+
+
+def out_of_reach(model: Null, candidate: Candidate, told: FitResult) -> str:
+    """Why the law is not what its name says, where its places along a variable, such as a rim or a stop, lie
+    beyond all that the variable comes to in the simulation: the law then lives on how its kink is rounded.
+    Empty where it does not."""
+    places = {p.name: f"{candidate.name}.{p.scale_of}" for p in scaled_shapes(candidate) if _is_place(p)}
+    if not places:
+        return ""
+    reached = largest_values(grown(model, model.flat, model.explicit, told, model.experiments))
+    beyond = ""
+    for name, variable in places.items():
+        value, most = abs(told.theta[f"{candidate.name}.{name}"]), reached.get(variable, np.inf)
+        if value <= GATES.max_place * most:
+            return ""
+        beyond = f"its {name} ({value:.4g}) lies beyond all that the recordings reach ({most:.4g})"
+    return beyond
+
+
+def _is_place(parameter: EffectParameter) -> bool:
+    """Whether a shape along a variable is a place there: it is looked for near the end of its reach."""
+    return PLACED <= max(map(abs, parameter.grid), default=0.0) < 1.0
+
+
+def _is_known(parameter: FittedParameter, declared: EffectParameter, certainty: float) -> bool:
+    if declared.role == "size" and parameter.at_bound == "max" and (declared.null or 0.0) < parameter.value:
+        return True  # as much of the effect as there can be
+    return certainty >= GATES.min_significance
+
+
+def _certainty(
+    candidate: Candidate, told: FitResult, own: FittedParameter, declared: EffectParameter
+) -> float:
+    """How many standard errors a parameter of a law is off its null. A size counts by its ratio to a
+    parameter of the model, too, where that cannot vanish: torques whose scale no sensor tells are as
+    uncertain as this scale, each of them, and none of them is zero for that. Not the size of a law that
+    changes the order of the model, whose ratios to other times are no scales. 0 where nothing is known."""
+    null, error = declared.null or 0.0, own.std_error
+    if error is None:
+        return 0.0
+    alone = abs(own.value - null) / error if error else np.inf
+    if declared.role != "size" or null or candidate.effect.is_dynamic or not own.value:
+        return alone
+    names, cov = told.covariance()
+    known = dict(zip(names, range(len(names)), strict=True))
+    if own.name not in known:
+        return alone
+    scales = [
+        p
+        for p in told.parameters
+        if p.name in known
+        and not p.name.startswith(f"{candidate.name}.")
+        and p.min is not None
+        and p.min >= 0.0 < p.value
+    ]
+    i, found = known[own.name], alone
+    for p in scales:
+        j = known[p.name]
+        relative = np.array([1.0 / own.value, -1.0 / p.value])
+        spread = float(relative @ cov[np.ix_([i, j], [i, j])] @ relative)
+        found = max(found, float(1.0 / np.sqrt(spread)) if spread > 0.0 else 0.0)
+    return found
+
+
+def told_value(parameter: FittedParameter) -> str:
+    """The parameter of an effect with its uncertainty, as messages tell it."""
+    error = "" if parameter.std_error is None else f" ± {parameter.std_error:.2g}"
+    unit = "" if parameter.unit == "1" else parameter.unit
+    return f"{parameter.name.partition('.')[2]} = {parameter.value:.4g}{error} {unit}".rstrip()
+
+
+def unexplained(explained: float, ratios: Sequence[float]) -> str:
+    """Why the effect does away with too little of the load; empty where it does with enough."""
+    if explained >= (
+        GATES.min_partly_explained
+        if ratios and max(ratios) <= GATES.max_simulated_ratio
+        else GATES.min_explained
+    ):
+        return ""
+    return f"it explains only {100 * explained:.0f} % of the unexplained load"
+
+
+def _weak_size(size: FittedParameter, null: float, least: float, certainty: float) -> str:
+    if size.at_bound == "max" and null < size.value:
+        return ""  # as much of the effect as there can be
+    if size.at_bound:
+        return f"its size rests at its bound ({size.at_bound} = {size.value:.4g})"
+    if size.std_error is None:
+        return "the data do not determine its size"
+    if certainty < least:
+        return f"its size is not significant ({size.value:.4g} ± {size.std_error:.2g} {size.unit})"
+    return ""
+
+
+def wrong_law(
+    null: Null, run: NullObserver, prepared: Prepared, fit: FitResult, gain: float, left: FreeForm
+) -> str:
+    """Why the law is not the right one: what it leaves follows a variable, and a single curve over that
+    variable would say all that the law says, too. Empty where the rest is small, unrelated, or the law of
+    something else that is missing besides; and where the law is such a curve itself and says more than the
+    rest does: then it is right but for details, which are named."""
+    if not is_significant(left, gain) or (not left.sign_of and gain > left.log_likelihood_gain):
+        return ""
+    try:
+        response = law_response(null, run, prepared.trial.candidate, fit.theta)
+    except DaestError:
+        # A law with states of its own has no response. One that stands for dry friction, too, is a curve with
+        # the sign of the speed in the main.
+        is_covered = prepared.similar is not None and bool(left.sign_of)
+    else:
+        is_covered = covers(null, run, left, response) >= GATES.min_covered
+    if not is_covered:
+        return ""
+    return f"another law acts there: what it leaves still follows {left.label} (p = {left.p_value:.1g})"
+
+
+def other_dynamics(left: FreeForm, gain: float) -> str:
+    """Why a law that changes the order of the model only stands for another one; empty where it is right. A
+    slow motion takes a lag, a delay or a flexible part for each other, and only the right one leaves
+    nothing."""
+    if left.p_value >= GATES.dynamics_level or left.log_likelihood_gain <= GATES.max_rest_of_dynamics * gain:
+        return ""
+    return (
+        "something dynamic is missing that it only comes near to: what it leaves still follows "
+        f"{left.label} (p = {left.p_value:.1g})"
+    )
+
+
+def lag_too_short(null: Null, candidate: Candidate, fit: FitResult) -> str:
+    """Why a lag or a delay is no finding of its own beside the model as `fit` has it; empty where it is long
+    enough to be one."""
+    times = [fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes if p.unit == "s"]
+    if not times:
+        return ""
+    run = run_null(replace(null, flat=null.flat.with_theta(fit.theta)))
+    loads = {load.name for load in null.loads}
+    own = [i for i, name in enumerate(run.state_names) if name not in loads]
+    fastest = max(np.abs(np.linalg.eigvals(run.average.A[np.ix_(own, own)])), default=0.0)
+    if max(times) * fastest >= GATES.min_lag:
+        return ""
+    return (
+        f"{spoken_duration(max(times))} is short beside the fastest time constant of the model "
+        f"({spoken_duration(1.0 / fastest)}): "
+        "a lag, a delay or a flexible part would do as well"
+    )
+
+
+def is_significant(left: FreeForm, gain: float) -> bool:
+    """Whether what is left beside an effect that gained `gain` in log-likelihood is worth a further look."""
+    return left.p_value < GATES.rest_level and left.log_likelihood_gain > GATES.max_rounding_rest * gain

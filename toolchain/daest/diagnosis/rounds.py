@@ -1,0 +1,94 @@
+"""Further rounds: an accepted effect goes into the model, and what is beside it is proved anew."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from daest.diagnosis.attempts import found_somehow
+from daest.diagnosis.candidates import fed
+from daest.diagnosis.disturbance import place_gains, smoothed_load
+from daest.diagnosis.free_forms import free_forms
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.null import grown, refit, refitted
+from daest.diagnosis.proof import bic_gain
+from daest.diagnosis.screen import run_null
+from daest.diagnosis.search import Search
+from daest.diagnosis.stand import Stand, quiet, reference_of
+from daest.diagnosis.trials import Trial, prepare
+from daest.diagnosis.unseen import innovations
+from daest.model.diagnosis import Proof
+from daest.model.fit import error_ratios
+from daest.model.flat import with_equations
+from daest.numerics.parallel import called, workers
+from daest.systems.reduce import reduce_index
+
+
+def accept(stand: Stand, proof: Proof, jobs: int = 1) -> Stand:
+    """The stand with the effect of `proof` in the model. With two `jobs`, its two fits run together."""
+    null = stand.null
+    experiments = fed(null.experiments, proof.candidate)
+    flat = with_equations(proof.flat, "a further round")
+    model = grown(null, flat, reduce_index(flat), proof.fit, experiments)
+    validation = fed(stand.validation, proof.candidate)
+    # The refit of the proof has not predicted the unseen data, by which a later round sees that it is at the
+    # noise of the sensors.
+    fits: list[Callable[[], Any]] = [
+        partial(refit, model.flat, model.explicit, model.estimated, model, validation=validation),
+        partial(reference_of, model, proof.fit, validation),
+    ]
+    with workers(jobs) as pool:
+        baseline, reference = (o.get() for o in pool.map(called, fits, seconds=stand.baseline.seconds))
+    if reference is not None and proof.final is not None:
+        # What was told of the effect stays true of the model that holds it.
+        ratios = error_ratios(reference.fit.simulated, proof.final.simulated)
+        if ratios and np.mean(np.square(ratios)) < 1.0:
+            reference = replace(reference, fit=proof.final)
+    return Stand(stand.declared, model, baseline, validation, time.perf_counter(), reference)
+
+
+def proved_again(stand: Stand, proof: Proof, values: Mapping[str, float]) -> Proof:
+    """The proof of the same effect beside another model, that of `stand`, started from the parameter `values`
+    of a fit. Raises what refits raise."""
+    candidate = proof.candidate
+    own = {p.name: values.get(f"{candidate.name}.{p.name}") for p in candidate.effect.parameters}
+    shape = {name: v for name in candidate.shape if (v := own[name]) is not None}
+    shaped = replace(candidate, shape={**candidate.shape, **shape})
+    trial = Trial(shaped, tuple(own[p.name] or p.start for p in candidate.effect.sizes), ())
+    found = proved_beside(stand, trial, values)
+    return replace(found, equivalent=proof.equivalent, not_separable_from=proof.not_separable_from)
+
+
+def gains_beside(stand: Stand, first: Proof, trial: Trial, sharper: float = 1.0) -> bool:
+    """Whether a further effect, the `trial`, makes the model with that of `first` as much likelier as
+    evidence must: a refit without the judgement of `proved_beside`. Raises what refits raise."""
+    null = stand.null
+    with quiet():
+        flat = with_equations(first.flat, "a further round")
+        model = grown(null, flat, reduce_index(flat), first.fit, fed(null.experiments, first.candidate))
+        prepared = prepare(model.flat, model.estimated, trial, sharper=sharper)
+        model = replace(model, experiments=fed(model.experiments, trial.candidate))
+        fit = refitted(prepared.flat, reduce_index(prepared.flat), prepared.names, model).fit
+    gain = fit.log_likelihood - first.fit.log_likelihood
+    return bic_gain(gain, len(prepared.names) - len(model.estimated), model) >= GATES.min_bic_gain
+
+
+def proved_beside(stand: Stand, trial: Trial, values: Mapping[str, float], sharper: float = 1.0) -> Proof:
+    """The proof of one candidate in the model of `stand`, whose parameters start from `values` where these
+    have them; its kinks are `sharper` than those of the trial. Raises what refits raise."""
+    null = stand.null
+    with quiet():
+        run = run_null(null)
+        load = smoothed_load(null, run, place_gains(null, run))
+        form = next(iter(free_forms(null, run)), None)
+        if stand.reference is not None and stand.validation:
+            known = replace(stand.reference, innovations=innovations(run, stand.validation))
+            stand = replace(stand, reference=known)
+        flat = null.flat.with_theta({n: values[n] for n in null.estimated if n in values})
+        prepared = prepare(flat, null.estimated, trial, sharper=sharper)
+        return found_somehow(Search(stand, run, load, form, 1), prepared)

@@ -1,0 +1,276 @@
+"""What is examined: the model as it is, fitted beside unknown loads, and what unseen data say of it."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import LinAlgWarning
+
+from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.loads import load_sites
+from daest.diagnosis.null import Null, as_recorded, fit_null, refit
+from daest.diagnosis.open_loop import simulated_errors
+from daest.diagnosis.options import DiagnoseOptions, Progress
+from daest.diagnosis.proof import Reference
+from daest.diagnosis.settled import FAILURES, settled, simulated
+from daest.diagnosis.unseen import adds_up, foreseen
+from daest.errors import EstimationError
+from daest.estimation.identify import identify
+from daest.estimation.records import n_observed, part_of
+from daest.model.diagnosis import Diagnosis, Proof, VerdictName
+from daest.model.effects import Effect
+from daest.model.experiment import Experiment
+from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.flat import FlatModel
+from daest.model.holds import Hold
+from daest.numerics.statistics import chi2
+
+
+@dataclass(frozen=True)
+class Stand:
+    """What is examined: the model as the user declared it (`declared`), the null made from it (with the
+    effects that were accepted so far), the null's fit on the same terms as those of its rivals (`baseline`),
+    the one without coloured loads (`reference`), and the validation data, with those for the other hold where
+    they differ."""
+
+    declared: FlatModel
+    null: Null
+    baseline: FitResult
+    validation: tuple[Experiment, ...]
+    began: float
+    reference: Reference | None = None
+    other_validation: tuple[Experiment, ...] | None = None
+
+    @property
+    def told(self) -> FitResult:
+        """The fit of the model as it is whose errors are told."""
+        return self.baseline if self.reference is None else self.reference.fit
+
+
+def begin(
+    flat: FlatModel,
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment],
+    options: DiagnoseOptions,
+    progress: Progress = lambda _: None,
+) -> Stand:
+    """Fit the model as it is, with unknown loads. Raises as `diagnose`."""
+    began = time.perf_counter()
+    both = _divided(tuple(experiments), tuple(validation))
+    held = None if options.held is None else _divided(*map(tuple, options.held))
+    progress("fitting the model as it is, with unknown loads")
+
+    def null_of(quiet: FlatModel) -> Null:
+        coarse = None if held is None else held[0]
+        return fit_null(quiet, load_sites(flat), both[0], options.hold, coarse, options.slowest_load)
+
+    def unseen(hold: Hold | None) -> tuple[Experiment, ...]:
+        return both[1] if held is None or hold is None else as_recorded(both[1], held[1], hold)
+
+    def unseen_by(null: Null) -> tuple[Experiment, ...]:
+        return unseen(null.recorded_hold)
+
+    def fitted() -> Stand:
+        null, baseline, reference = _fitted(without_noises(flat), null_of, unseen_by)
+        other = unseen(null.other_hold) if held is not None and null.other_hold else None
+        return Stand(flat, null, baseline, unseen_by(null), began, reference, other)
+
+    return replace(options.step("null", (options.hold, options.slowest_load), flat, fitted), began=began)
+
+
+def _fitted(
+    flat: FlatModel, null_of: Callable[[FlatModel], Null], unseen_by: Callable[[Null], tuple[Experiment, ...]]
+) -> tuple[Null, FitResult, Reference | None]:
+    """The null that `null_of` makes of the model, and its `_told_fits` on the experiments `unseen_by` it;
+    with the parameters held where loads would take over what the inputs do (`_simulated_better`)."""
+    null = null_of(flat)
+    baseline, reference = _told_fits(null, unseen_by(null))
+    known = _simulated_better(flat, null, reference)
+    if known is not None:
+        fixed = null_of(known)
+        again = _told_fits(fixed, unseen_by(fixed))
+        if again[1] is not None and not again[1].adds_up:
+            return fixed, *again
+    return null, baseline, reference
+
+
+def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) -> FlatModel | None:
+    """The model with its parameters fixed at those of a fit by simulation, where that simulates far better
+    than the null without its loads, whose errors add up: loads may have taken over what the inputs do, and
+    have made of a machine that something holds one that drifts. None where the parameters stay free."""
+    if not null.estimated or reference is None or not reference.adds_up:
+        return None
+    before = reference.fit.simulated.get("estimation")
+    if (
+        before is None
+        or max(percent or 0.0 for percent in before.fit_percent.values()) > GATES.min_driven_fit
+    ):
+        return None
+    try:
+        fit = identify(flat, null.experiments, IdentifyOptions(method="oe", hold=null.hold))
+    except FAILURES:
+        return None
+    after = fit.simulated["estimation"].rms
+    if not all(after[name] < GATES.max_adrift_ratio * rms for name, rms in before.rms.items()):
+        return None
+    fixed = flat.with_theta(fit.theta)
+    return replace(fixed, parameters=tuple(replace(p, estimate=False) for p in fixed.parameters))
+
+
+def _told_fits(null: Null, validation: Sequence[Experiment]) -> tuple[FitResult, Reference | None]:
+    """The fit of the null's model on the terms of its rivals, and what unseen data say of that model."""
+    baseline = refit(null.flat, null.explicit, null.estimated, null, validation=validation)
+    return baseline, reference_of(null, baseline, validation)
+
+
+def limited(
+    stand: Stand, library: Sequence[Effect], options: DiagnoseOptions
+) -> tuple[Stand, tuple[Proof, ...]]:
+    """The stand with the limits of the sensors that are certain to clip, and the proofs of these."""
+    clips = options.clips([*stand.null.experiments, *stand.validation])
+    found = with_clipped_sensors(stand.declared, library, clips)
+    if not found.laws:
+        return stand, ()
+
+    known = stand.null
+
+    def null_of(quiet: FlatModel) -> Null:
+        nodes = load_sites(stand.declared)
+        null = fit_null(quiet, nodes, known.experiments, known.hold, slowest=known.slowest)
+        return replace(
+            null,
+            other_hold=known.other_hold,
+            hold_lead=known.hold_lead,
+            other_experiments=known.other_experiments,
+            recorded_hold=known.recorded_hold,
+        )
+
+    def fitted() -> Stand:
+        quiet = without_noises(found.flat)
+        null, baseline, reference = _fitted(quiet, null_of, lambda _: stand.validation)
+        return replace(stand, null=null, baseline=baseline, reference=reference)
+
+    parts = (known.hold, known.recorded_hold, known.other_hold, *(law.name for law in found.laws))
+    grown = replace(options.step("limited", parts, found.flat, fitted), began=stand.began)
+    gain = grown.baseline.log_likelihood - stand.baseline.log_likelihood
+    n_measured = n_observed(stand.null.experiments)
+    n_own = len(found.laws)
+    proofs = tuple(
+        Proof(
+            candidate=law,
+            flat=grown.null.flat,
+            fit=grown.baseline,
+            delta_log_likelihood=gain,
+            delta_bic=2.0 * gain - n_own * float(np.log(n_measured)),
+            p_value=float(chi2.sf(2.0 * max(gain, 0.0), n_own)),
+            explained=0.0,
+            equivalent=(),
+            not_separable_from=(),
+            verdict="supported",
+            reason="",
+            final=grown.told,
+        )
+        for law in found.laws
+    )
+    return grown, proofs
+
+
+def limit_told(stand: Stand, proof: Proof) -> str:
+    """How the recordings show that a sensor cuts."""
+    output = proof.candidate.site.name
+    limit = proof.candidate.shape["limit"]
+    share = share_at_limit(stand.null.experiments, output, limit)
+    return f"{output} stays at {limit:.6g} in {100.0 * share:.2g} % of the samples, where its noise ends"
+
+
+def beside_limits(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> Diagnosis:
+    """The diagnosis of a model that was given the limits of its sensors, with these told."""
+    if not limits:
+        return found
+    told = "; ".join(limit_told(stand, proof) for proof in limits)
+    text = f"The recordings show that a sensor cuts: {told}. The model was given that limit"
+    if found.verdict in ("nothing missing", "parameters off"):
+        name: VerdictName = "supported"
+        labels = ", ".join(proof.candidate.label for proof in limits)
+        message = f"{labels}; supported. {text}; beside it: {found.message}"
+    else:
+        name, message = found.verdict, f"{found.message} {text}, and what is said is beside it."
+    return replace(found, verdict=name, message=message, proofs=(*limits, *found.proofs))
+
+
+def reference_of(null: Null, fit: FitResult, validation: Sequence[Experiment]) -> Reference | None:
+    """What unseen data say of the model of `null`, whose `fit` is that beside its loads; None where it cannot
+    be fitted without coloured ones."""
+    with quiet():
+        found = settled(null, fit, null.flat, null.explicit, null.experiments, validation)
+        if found is None:
+            return None
+        white, observer = found
+        # A simulation whose errors add up tells little of what the model lacks.
+        reckons = adds_up(observer)
+        told = white if reckons else simulated(null, white, null.flat, null.experiments, validation)
+        errors = None
+        if not reckons and told.method == "oe":
+            flat = null.flat.with_theta(told.theta)
+            explicit = replace(null.explicit, flat=flat)
+            errors = simulated_errors(null, flat, explicit, told, null.experiments, validation)
+        return Reference(told, foreseen(observer, validation), reckons, simulated=errors)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """A search tries models that overflow and gains that are nearly singular; it steps back from them."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        warnings.simplefilter("ignore", LinAlgWarning)
+        yield
+
+
+def without_noises(flat: FlatModel) -> FlatModel:
+    """The model with its declared noises at zero: the null has loads of its own."""
+    silent = ca.SX.zeros(flat.w.numel())
+    residual, outputs = ca.substitute([flat.residual, flat.output_expressions], [flat.w], [silent])
+    events = flat.events
+    if events is not None:
+        parts = {name: part for name, part in vars(events).items() if isinstance(part, ca.SX)}
+        quiet = ca.substitute(list(parts.values()), [flat.w], [silent])
+        changed: dict[str, Any] = dict(zip(parts, quiet, strict=True))
+        events = replace(events, **changed)
+    return replace(
+        flat, noises=(), w=ca.SX.sym("w", 0), residual=residual, output_expressions=outputs, events=events
+    )
+
+
+def halved(
+    experiments: Sequence[Experiment], validation: Sequence[Experiment]
+) -> tuple[tuple[Experiment, ...], tuple[Experiment, ...]]:
+    """Without validation data, the first halves of the experiments and the second ones."""
+    if validation:
+        return tuple(experiments), tuple(validation)
+    cuts = [e.n_samples // 2 for e in experiments]
+    first = tuple(part_of(e, 0, cut) for e, cut in zip(experiments, cuts, strict=True))
+    second = tuple(part_of(e, cut, e.n_samples) for e, cut in zip(experiments, cuts, strict=True))
+    return first, second
+
+
+def _divided(
+    experiments: tuple[Experiment, ...], validation: tuple[Experiment, ...]
+) -> tuple[tuple[Experiment, ...], tuple[Experiment, ...]]:
+    experiments, validation = halved(experiments, validation)
+    n_samples = sum(e.n_samples for e in experiments)
+    if n_samples < GATES.min_samples:
+        raise EstimationError(
+            "diagnose-too-short",
+            f"{n_samples} samples to diagnose from cannot tell a missing effect from noise",
+            remedy=f"record at least {2 * GATES.min_samples} samples (half are kept for validation) that "
+            "move the machine through its whole range, in both directions and through rest",
+        )
+    return experiments, validation
