@@ -256,7 +256,7 @@ def _n_samples(experiments: Sequence[Experiment]) -> int:
 
 
 def _straight(flat: Model, hold: Hold | None) -> tuple[str, ...]:
-    """A remark where the model leaves no choice of the hold."""
+    """A remark where inputs cannot be held."""
     from daest.systems.input_slopes import acting_slopes, slope_note
     from daest.systems.reduce import dynamics
 

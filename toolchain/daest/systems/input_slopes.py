@@ -83,14 +83,12 @@ def theta_in_use(
 
 
 def slope_note(input_names: Sequence[str], sources: Collection[int]) -> tuple[str, ...]:
-    """Why inputs must run straight between samples, in one sentence: the model needs the derivatives of the
-    inputs with the indices `sources`. Empty where both holds are possible."""
+    """Why inputs are not held between samples, in one sentence: the model needs the derivatives of the inputs
+    with the indices `sources`. Empty where they may be held."""
     if not sources:
         return ()
     names = ", ".join(input_names[i] for i in sorted(set(sources)))
-    return (
-        f"hold foh: the model needs the time derivative of input {names}, which a held input does not have",
-    )
+    return (f"not held: the model needs the time derivative of input {names}, which a held input has not",)
 
 
 def _zeros(
