@@ -189,6 +189,9 @@ def test_exported_nonlinear_model_alone_equals_its_equations(tmp_path):
     grid = np.linspace(0.0, 10.0, 101)
     flow = 0.3 + 0.2 * np.cos(grid)[:, None]
     expected, found = simulate(source, (grid, flow)), simulate(alone, (grid, flow))
+    curved = [simulate(one, (grid, flow), hold="smooth") for one in (source, alone)]
+    assert np.max(np.abs(curved[0].outputs - expected.outputs)) > 1e-5 * np.ptp(expected.outputs)
+    np.testing.assert_allclose(curved[1].outputs, curved[0].outputs, rtol=1e-5, atol=1e-6)
     assert np.allclose(found.outputs, expected.outputs, atol=1e-6)
     assert np.allclose(found["q"], expected["q"], atol=1e-6)
 

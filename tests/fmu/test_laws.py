@@ -69,7 +69,7 @@ def followed(flat, name, size, by_size):
     atol = rtol * SOLVER.atol_of_scale * scale
     directions = 4 if by_size else 0
     run = Run(
-        TIME, u[:-1], u[1:], u[-1], theta, x0, directions, 1, 0, rtol, atol, scale, None, 10_000, None
+        TIME, u[:-1], u[1:], u[-1], None, theta, x0, directions, 1, 0, rtol, atol, scale, None, 10_000, None
     )  # fmt: skip
     steps = np.array([STEP * size])
     found = flat.form.integrate(flat, ("d",), run, laws=laws, size_steps=steps)

@@ -291,14 +291,15 @@ class _Tried(BinaryIntegrator):
         n, n_u, behind = len(flat.parameters), len(flat.inputs), len(self.explicit.flat.inputs)
 
         def with_columns_last(u: np.ndarray) -> np.ndarray:
-            return np.hstack([u[..., :n_u], u[..., behind:], u[..., n_u:behind]])
+            return np.concatenate([u[..., :n_u], u[..., behind:], u[..., n_u:behind]], axis=-1)
 
         size = float(run.theta[n]) if trial is not None else 0.0
         laws = () if trial is None or trial.fault is not None else (_law(self.case, trial, size),)
         steps = np.array([_size_step(self.case, trial)]) if laws and trial is not None else None
         own = [name for name in self.names if name != SIZE] if run.by_parameter else []
         u0, u1, u_last = map(with_columns_last, (run.u0, run.u1, np.ravel(run.u_last)))
-        alone = replace(run, u0=u0, u1=u1, u_last=u_last, theta=run.theta[:n])
+        bends = None if run.bent is None else with_columns_last(run.bent)
+        alone = replace(run, u0=u0, u1=u1, u_last=u_last, bent=bends, theta=run.theta[:n])
         states, outputs, slopes = flat.form.integrate(flat, own, alone, laws=laws, size_steps=steps)
         if trial is None or trial.fault is None:
             return Trajectory(states, outputs, slopes, n_steps=0)

@@ -238,7 +238,7 @@ class BinaryForm:
         references = (*self.form.states, *self.form.variables)
         read = [references[row] for row in self.output_rows(flat)]
         read += self.form.states if with_states else ()
-        request = replace(self.drive(run.time, run.u0, run.u1, run.u_last, read), laws=laws)
+        request = replace(self.drive(run.time, run.u0, run.u1, run.u_last, read), laws=laws, bent=run.bent)
         if run.correction is not None:
             request = replace(request, measurements=run.correction.measurements, gain=run.correction.gain)
         return self._integrated(task, request)

@@ -108,6 +108,8 @@ class Drive:
 
     time (n,); `inputs` are value references; u0 and u1 (n - 1, n_u) hold their values at both ends of every
     interval, u_last (n_u,) at the last sample; columns behind those of the inputs are read by laws alone.
+    `bent` (n - 1, 2, n_u) are a and b of r (1 - r) (a + b r), by which they leave the straight line at the
+    part r of an interval (None: they do not).
     `read` are the value references to record. `laws` add to the inputs what depends on variables of the FMU
     or on the columns. measurements (n, n_y) of the first n_y of `read` and gain
     (n_states, n_y) correct the states at every sample (None: no correction).
@@ -120,6 +122,7 @@ class Drive:
     u_last: np.ndarray
     read: tuple[int, ...]
     laws: tuple[Law, ...] = ()
+    bent: np.ndarray | None = None
     measurements: np.ndarray | None = None
     gain: np.ndarray | None = None
     rtol: float = SOLVER.simulation_rtol
@@ -131,4 +134,4 @@ class Drive:
     @property
     def is_held(self) -> bool:
         """Inputs are constant between samples."""
-        return bool(np.array_equal(self.u0, self.u1))
+        return self.bent is None and bool(np.array_equal(self.u0, self.u1))

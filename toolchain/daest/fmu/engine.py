@@ -86,7 +86,7 @@ def follow(
     if directions:
         start[:, plan.steps.size :] = np.eye(n_x)
     n_steps, reached = _LONG(0), np.array([drive.time[0], 0.0, 0.0])
-    given = (drive.time, drive.u0, drive.u1, drive.u_last, None, None, x0)
+    given = (drive.time, drive.u0, drive.u1, drive.u_last, drive.bent, None, x0)
     correction = _correction(drive)
     with _told(lambda: float(reached[0]), alive), _counted(_LONG.in_dll(library, "daest_calls")):
         status = library.daest_simulate(

@@ -209,7 +209,7 @@ class Runner:
         }  # fmt: skip
         tables = {"parameters": values, "sizes": sizes, "time": drive.time, "u0": drive.u0, "u1": drive.u1,
                   "u_last": drive.u_last}  # fmt: skip
-        optional = {"x0": x0, "measurements": drive.measurements, "gain": drive.gain}
+        optional = {"x0": x0, "bent": drive.bent, "measurements": drive.measurements, "gain": drive.gain}
         tables |= {name: table for name, table in optional.items() if table is not None}
         reply, found = self._ask(header, tables)
         if self._is_due():
@@ -235,7 +235,7 @@ class Runner:
                   "u_last": drive.u_last, "x0": x0}  # fmt: skip
         tables |= {"steps": plan.steps, "sizes": plan.sizes, "atol": plan.atol}
         tables |= {"laws": plan.laws, "law_sizes": plan.law_sizes}
-        optional = {"measurements": drive.measurements, "gain": drive.gain}
+        optional = {"bent": drive.bent, "measurements": drive.measurements, "gain": drive.gain}
         tables |= {name: table for name, table in optional.items() if table is not None}
         reply, found = self._ask(header, tables)
         if reply["followed"]:

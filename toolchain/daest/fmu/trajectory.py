@@ -56,7 +56,7 @@ def run(instance: Instance, drive: Drive, x0: np.ndarray | None, alive: Callable
 
 
 def _co_simulation(instance: Instance, drive: Drive, alive: Callable[[float], None]) -> Recorded:
-    """Inputs of a step are held at its mean: exact for held inputs, of second order for straight ones."""
+    """Inputs of a step are held at its mean: exact for held inputs, of second order for others."""
     n = drive.time.size
     values = np.empty((n, len(drive.read)))
     for k in range(n):
@@ -70,6 +70,8 @@ def _co_simulation(instance: Instance, drive: Drive, alive: Callable[[float], No
         if k + 1 == n:
             break
         mean = 0.5 * (drive.u0[k] + drive.u1[k])
+        if drive.bent is not None:
+            mean += drive.bent[k, 0] / 6.0 + drive.bent[k, 1] / 12.0
         _guarded(instance.set, now, drive.inputs, mean[: added.size] + _added(instance, drive, mean, now))
         _guarded(instance.step, now, now, float(drive.time[k + 1] - now))
     return Recorded(values, np.empty((n, 0)), 0)
@@ -128,8 +130,10 @@ class _Driver:
             # The integrator looks beyond the end of an interval.
             while k + 1 < len(self._lengths) and time > self._times[k + 1]:
                 k += 1
-            share = (time - self._times[k]) / self._lengths[k]
-            self._columns[:] = drive.u0[k] + min(max(share, 0.0), 1.0) * self._rise[k]
+            share = min(max((time - self._times[k]) / self._lengths[k], 0.0), 1.0)
+            self._columns[:] = drive.u0[k] + share * self._rise[k]
+            if drive.bent is not None:
+                self._columns += share * (1.0 - share) * (drive.bent[k, 0] + share * drive.bent[k, 1])
         self._buffer[:] = self._columns[: self._buffer.size]
         self._write()
 

@@ -400,6 +400,7 @@ def _drive(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], sizes: n
         u_last=arrays["u_last"],
         read=tuple(header["read"]),
         laws=laws,
+        bent=arrays.get("bent"),
         measurements=arrays.get("measurements"),
         gain=arrays.get("gain"),
         rtol=header["rtol"],

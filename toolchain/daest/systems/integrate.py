@@ -519,9 +519,9 @@ def interval_inputs(
 
 
 def follows_curves(explicit: Dynamics) -> bool:
-    """Whether integrations of a model follow smooth inputs between their samples; FMUs and models with events
-    are driven straight."""
-    return isinstance(explicit, ExplicitModel) and explicit.flat.events is None
+    """Whether integrations of a model follow smooth inputs between their samples; models with events are
+    driven straight."""
+    return not isinstance(explicit, ExplicitModel) or explicit.flat.events is None
 
 
 def input_bends(explicit: Dynamics, time: np.ndarray, inputs: np.ndarray, hold: Hold) -> np.ndarray | None:
