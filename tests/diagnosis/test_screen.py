@@ -78,7 +78,8 @@ def screened(record):
     return screen(null, run_null(null), candidates(*EFFECTS))
 
 
-@pytest.mark.parametrize("n_records", [6, pytest.param(150, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("n_records", [6, 150])
 def test_scores_are_standard_normal_when_nothing_is_missing(n_records):
     found = [screened(rotor_record(500, seed=100 + seed)[0]) for seed in range(n_records)]
     signed = ("ConstantLoad at rotor.flange_a", "Drift at u", "Drift at phi")

@@ -103,7 +103,7 @@ def agree(found, known, tolerance, names):
     assert np.nansum(found["nis"]) / known.nis.n_innovations == pytest.approx(known.nis.mean, rel=tolerance)
 
 
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@pytest.mark.parametrize("hold", [pytest.param("zoh", marks=pytest.mark.slow), "foh"])
 def test_replay_is_the_filter_of_the_recording(plant, tmp_path, hold):
     """Unknown start of which a part never shows, noise in an output, missing outputs; equal steps."""
     model = estimator_model(plant, 0.1, "kalman", hold)
@@ -250,11 +250,11 @@ def nonlinear(request, tmp_path_factory):
     return compile_model(path), experiment, InitialState.known(mean, 0.2)
 
 
-# Each kind, each hold and each model once; the other pairs among the slow tests.
+# One kind, hold and model; the others among the slow tests.
 @pytest.mark.parametrize(
     ("nonlinear", "kind", "hold"),
     [
-        ("Diode", "ekf", "foh"),
+        pytest.param("Diode", "ekf", "foh", marks=pytest.mark.slow),
         ("Pendulum", "ukf", "zoh"),
         pytest.param("Diode", "ukf", "zoh", marks=pytest.mark.slow),
         pytest.param("Pendulum", "ekf", "foh", marks=pytest.mark.slow),
