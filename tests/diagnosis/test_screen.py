@@ -263,6 +263,7 @@ def test_effects_with_states_alone_leave_the_screen_empty():
     assert not found.entries and found.p_value == 1.0 and "order of the model" in found.skipped[0][1]
 
 
+@pytest.mark.slow
 def test_detectable_size_is_about_what_is_found():
     """A friction of twice the detectable size is found in a new record; p-values are of the whole search."""
     null, run = quiet()

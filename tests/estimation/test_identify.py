@@ -63,7 +63,7 @@ def known(shared_data, number):
 # Recordings with a known truth
 
 
-@pytest.mark.parametrize("method", ["oe", "pem"])
+@pytest.mark.parametrize("method", ["oe", pytest.param("pem", marks=pytest.mark.slow)])
 def test_k1_parameters_within_three_standard_errors(shared_data, method):
     experiment, truth = known(shared_data, 1)
     family = hand.servo({**truth, **hand.RIG_START}, noise=UNKNOWN_NOISE if method == "pem" else None)

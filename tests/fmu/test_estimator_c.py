@@ -323,7 +323,9 @@ end Mixed;
 """
 
 
-@pytest.mark.parametrize(("law", "kind"), [("", "kalman"), (" - 0.02*(T - To)^3", "ekf")])
+@pytest.mark.parametrize(
+    ("law", "kind"), [("", "kalman"), pytest.param(" - 0.02*(T - To)^3", "ekf", marks=pytest.mark.slow)]
+)
 def test_each_input_does_what_the_hold_says(tmp_path, law, kind):
     (tmp_path / "Mixed.mo").write_text(MIXED.replace("LAW", law))
     flat, rng, n = compile_model(tmp_path / "Mixed.mo"), np.random.default_rng(3), 80
