@@ -143,7 +143,7 @@ def test_interrupted_run_goes_on(cart, daest, monkeypatch):
     ]
 
 
-def test_nothing_missing_and_the_null_and_the_screen_are_kept_too(cart, daest, monkeypatch, tmp_path):
+def test_the_null_and_the_screen_are_kept_too(cart, daest, monkeypatch, tmp_path):
     """An interrupted run fits the model as it is, and screens, once; what was kept changes no number."""
     (tmp_path / "cache").mkdir()
     for part in cache_folder().iterdir():  # what is compiled may be used, as far as it exists
