@@ -255,6 +255,7 @@ def test_identify_finds_the_truth(command: Command, name: str) -> None:
     assert combinations == ([{"d", "c", "J2"}] if name == "report_servo" else [])
 
 
+@pytest.mark.slow  # the filter after a fit: test_readme.py
 def test_servo_filter_tells_the_speed_from_the_angle(command: Command) -> None:
     command("servo", "identify")
     summary = command("servo", "filter", "--measure", "phi", "-o", "estimates.csv")
@@ -263,6 +264,7 @@ def test_servo_filter_tells_the_speed_from_the_angle(command: Command) -> None:
     assert summary["nis"]["inside"]
 
 
+@pytest.mark.slow
 def test_zone_lacks_the_sun(command: Command) -> None:
     """The room heated by the sun: without that effect the simulation explains half of the record only, and
     the filter notices."""
@@ -285,6 +287,7 @@ def inverse_model(path: Path) -> np.ndarray:
     return np.linalg.lstsq(np.column_stack(thinned[:3]), thinned[3], rcond=None)[0]
 
 
+@pytest.mark.slow
 def test_emps_agrees_with_the_inverse_model(command: Command, shared_data: Path) -> None:
     command("emps", "linearize", "Emps.mo")  # copies the example
     for name in ("train.csv", "test_pulses.csv"):

@@ -71,16 +71,19 @@ def test_it_runs_in_a_kernel(copied):
     assert len([output for output in outputs if "image/png" in output.get("data", {})]) == 2
 
 
+@pytest.mark.slow
 def test_no_cell_complains(shown):
     assert [cell.printed for cell in shown if cell.printed] == []
 
 
+@pytest.mark.slow
 def test_values_show_themselves(shown):
     tables = {cell.source.splitlines()[-1] for cell in shown if "<table" in cell.html}
     assert {"dae", "daest.noise_report(dae)", "fit", "comparison"} <= tables
     assert sum(cell.n_figures for cell in shown) == 2
 
 
+@pytest.mark.slow
 def test_it_finds_what_it_says(shown):
     (fit,) = (cell.html for cell in shown if cell.source.endswith("\nfit"))
     truth = json.loads((SERVO / "truth.json").read_text())["parameters"]

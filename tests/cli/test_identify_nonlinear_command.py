@@ -78,6 +78,7 @@ def test_multiple_shooting_finds_what_a_simulation_over_the_record_does_not(pend
     assert fits[0] < 60.0 and fits[1] > 90.0
 
 
+@pytest.mark.slow  # a prior by the command: test_fit_commands.py
 def test_prior_of_a_nonlinear_model(pendulum, monkeypatch, capsys):
     monkeypatch.chdir(pendulum)
     arguments = ["identify", "run.csv", "--model", "Pendulum.mo", "--hold", "zoh", "--format", "json"]

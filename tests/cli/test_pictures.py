@@ -12,9 +12,14 @@ COMMANDS = {
 }
 
 
-# One function saves all figures: every command in one format and one command in every format show it.
+# One function saves all figures: every command in one format and one command in every format show it. The
+# workflow of tests/docs draws a comparison.
 DRAWN = [
-    pytest.param(command, suffix, marks=() if "png" in suffix or command == "simulate" else pytest.mark.slow)
+    pytest.param(
+        command,
+        suffix,
+        marks=() if command == "simulate" or (suffix == "png" and command != "compare") else pytest.mark.slow,
+    )
     for command in COMMANDS
     for suffix in ("png", "svg", "pdf")
 ]

@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 from contextlib import chdir
+from itertools import product
 from pathlib import Path
 
 import html5lib
@@ -220,8 +221,17 @@ def test_texts_inside_results_are_harmless(told, daest):
     parsed(told / "report.html")
 
 
-@pytest.mark.parametrize("name", ["fit.json", "comparison.json", "filter.json", "noise.json"])
-@pytest.mark.parametrize("content", ["{", "[]", '{"schema": "x"}'])
+# Each file and each damage once; the other pairs among the slow tests.
+DAMAGED = [
+    ("{", "fit.json"), ("[]", "comparison.json"), ('{"schema": "x"}', "filter.json"), ("[]", "noise.json"),
+]  # fmt: skip
+PAIRS = product(("{", "[]", '{"schema": "x"}'), ("fit.json", "comparison.json", "filter.json", "noise.json"))
+
+
+@pytest.mark.parametrize(
+    ("content", "name"),
+    [pytest.param(*pair, marks=() if pair in DAMAGED else pytest.mark.slow) for pair in PAIRS],
+)
 def test_damaged_results_are_named(told, daest, name, content):
     (told / "results" / name).write_text(content)
     code, _, err = daest("report")

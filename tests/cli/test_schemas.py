@@ -104,7 +104,8 @@ SHOWN = [
 ]
 
 
-@pytest.mark.parametrize("width", [60, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.slow  # every text of the tests of commands, in three widths: conftest.py
+@pytest.mark.parametrize("width", [60, 200])
 def test_text_fits_the_terminal(servo, daest, monkeypatch, width):
     monkeypatch.setenv("COLUMNS", str(width))
     for arguments in SHOWN:

@@ -46,7 +46,7 @@ def test_compare_keeps_nothing_and_says_so(closed, daest):
 @pytest.mark.parametrize(
     ("command", "friction", "begins", "file"),
     [
-        ("diagnose", 0.0, "Nothing missing.", "diagnosis.json"),
+        pytest.param("diagnose", 0.0, "Nothing missing.", "diagnosis.json", marks=pytest.mark.slow),
         ("improve", 0.5, "Added CoulombFriction", "improve"),
     ],
 )

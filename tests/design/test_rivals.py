@@ -67,6 +67,7 @@ def test_power_is_that_of_the_normal_ratio():
     assert aim.power(0.0) == 0.0
 
 
+@pytest.mark.slow
 def test_expected_ratio_is_what_noisy_recordings_have_on_average():
     """Against fits of both laws by scipy to 40 noisy recordings, in which the drag is the truth."""
     from scipy.optimize import least_squares

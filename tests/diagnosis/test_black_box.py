@@ -61,6 +61,7 @@ def diagnosed(model, estimation, validation, **options):
     return document(diagnose(model, effect_library(), estimation, validation, chosen))
 
 
+@pytest.mark.slow  # of equations: test_diagnose.py
 def test_nothing_is_missing(model):
     laws = ("CoulombFriction", "QuadraticDrag", "ConstantLoad")
     found = diagnosed(model, [recording("a", 1)], [recording("b", 2)], effects=laws)

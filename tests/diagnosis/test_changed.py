@@ -43,7 +43,9 @@ def test_an_alarm_without_an_effect_cannot_be_told():
     assert found.verdict == "cannot tell" and "the alarm was a false one" in found.message
 
 
-@pytest.mark.parametrize(("load", "is_slow"), [((0.0, 1.0), False), ((0.15, 1.0), True)])
+@pytest.mark.parametrize(
+    ("load", "is_slow"), [pytest.param((0.0, 1.0), False, marks=pytest.mark.slow), ((0.15, 1.0), True)]
+)
 def test_how_slow_loads_are(load, is_slow):
     record, _ = rotor_record(400, seed=4, load=load)
     limit = slowest_load(without_noises(model()), load_sites(model()), [record], "zoh")

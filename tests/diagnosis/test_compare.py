@@ -224,6 +224,7 @@ def test_inputs_are_matched_by_name_for_every_candidate(tmp_path):
         assert once.simulation == again.simulation
 
 
+@pytest.mark.slow  # measured where: test_where.py
 def test_servo_without_fault_passes_and_friction_is_located(shared_data):
     """Coulomb friction at the motor of a linear servo model shows while the shaft is slow."""
     folder = shared_data / "servo_lab" / "known"

@@ -99,6 +99,7 @@ def test_drag_is_named_or_in_the_set():
     assert found.verdict in ("supported", "cannot tell") and "QuadraticDrag" in accepted(found)
 
 
+@pytest.mark.slow
 def test_dead_zone_of_the_drive_is_found_at_the_input():
     dead = lambda u: np.sign(u) * max(abs(u) - 0.2, 0.0)  # noqa: E731
     found = diagnosed(rotor_record(1200, seed=7, drive=dead)[0], "DeadZone", "CoulombFriction")
@@ -133,6 +134,7 @@ def test_strong_white_torque_is_no_effect():
     assert found.verdict in ("external disturbance", "nothing missing") and not accepted(found)
 
 
+@pytest.mark.slow
 def test_expected_noise_is_no_finding():
     """The declared intensity of the model is what it expects."""
     found = diagnosed(rotor_record(1200, seed=14, noise=4e-4)[0])
@@ -152,6 +154,7 @@ def test_values_that_the_data_contradict_are_off():
     assert found.verdict == "parameters off" and "J = 0.6 given" in found.message
 
 
+@pytest.mark.slow
 def test_closed_loop_record_gives_no_false_name():
     found = diagnosed(rotor_record(1000, seed=16, feedback=2.0)[0])
     assert not accepted(found)

@@ -92,6 +92,7 @@ def found(tmp_path, text: str, record: Experiment, effects: tuple[str, ...]):
     return diagnose(compile_model(tmp_path / f"{name}.mo"), effect_library(), [record], (), options)
 
 
+@pytest.mark.slow
 def test_wall_behind_a_room(tmp_path) -> None:
     C, R, G, T = 4e5, 0.02, 80.0, 9000.0
     A = np.array([[-(1.0 / R + G) / C, G / C], [1.0 / T, -1.0 / T]])

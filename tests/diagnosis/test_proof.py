@@ -82,6 +82,7 @@ def further_ahead(proof, lead):
     return replace(proof, fit=fit, ahead=tuple(replace(a, ratio=0.5 * a.ratio) for a in proof.ahead))
 
 
+@pytest.mark.slow
 def test_candidate_far_behind_a_supported_one_is_judged_after_a_first_pass():
     lead = 2.0 * GATES.hopeless_log_likelihood
     (_, full), (_, brief) = proved(), proved("CoulombFriction", lead)

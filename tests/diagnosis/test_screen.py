@@ -78,7 +78,8 @@ def screened(record):
     return screen(null, run_null(null), candidates(*EFFECTS))
 
 
-@pytest.mark.parametrize("n_records", [6, pytest.param(150, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("n_records", [6, 150])
 def test_scores_are_standard_normal_when_nothing_is_missing(n_records):
     found = [screened(rotor_record(500, seed=100 + seed)[0]) for seed in range(n_records)]
     signed = ("ConstantLoad at rotor.flange_a", "Drift at u", "Drift at phi")
@@ -262,6 +263,7 @@ def test_effects_with_states_alone_leave_the_screen_empty():
     assert not found.entries and found.p_value == 1.0 and "order of the model" in found.skipped[0][1]
 
 
+@pytest.mark.slow
 def test_detectable_size_is_about_what_is_found():
     """A friction of twice the detectable size is found in a new record; p-values are of the whole search."""
     null, run = quiet()

@@ -78,6 +78,7 @@ def test_a_finding_in_one_of_two_recordings_names_it():
     assert all(f.experiment == "second" and "of second" in f.text for f in times)
 
 
+@pytest.mark.slow
 def test_nothing_is_said_when_nothing_is_there():
     """White and slowly changing errors that have nothing to do with the signals."""
     said = 0

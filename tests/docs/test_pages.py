@@ -60,7 +60,7 @@ CONSOLE = {
 }
 
 
-SLOW = {"motor.md", "how-to/effect.md"}  # search, one of them in the whole library
+SLOW = {"motor.md", "how-to/effect.md", "tutorial.md"}  # searches, and a tour that README.md makes too
 
 
 @pytest.mark.parametrize(
@@ -152,13 +152,12 @@ def test_workflow_passes_the_good_model(repository):
     assert (repository / "drift.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "old", "new"),
     [
         ("Servo.mo", "gear(ratio = 30)", "gear(ratio = 29)"),
-        pytest.param(
-            "daest.toml", "c = { value = 1.43695 }", "c = { value = 1.4513 }", marks=pytest.mark.slow
-        ),
+        ("daest.toml", "c = { value = 1.43695 }", "c = { value = 1.4513 }"),
     ],
     ids=["gear", "stiffness"],
 )

@@ -198,10 +198,15 @@ def test_rates_stand_on_the_page(site):
         assert f"{case['case']} {case['runs']} " in text
 
 
+# One page of each kind; all of them in a slow test.
+KINDS = ("index.html", "theory.html", "trust.html", "how-to/python.html", "reference/commands.html")
+
+
 @pytest.mark.browser
-def test_a_browser_opens_it_from_files(documents, watched):
+@pytest.mark.parametrize("names", [KINDS, pytest.param((), marks=pytest.mark.slow)], ids=["kinds", "all"])
+def test_a_browser_opens_it_from_files(documents, site, watched, names):
     """Each page is loaded once: it follows the screen and the scheme that it is shown on."""
-    for path in documents:
+    for path in [site / name for name in names] or documents:
         watched.page.goto(path.as_uri())
         for width, scheme in watched.screens():
             assert watched.fits(), (path.name, width, scheme)

@@ -52,6 +52,18 @@ def first_places() -> list[tuple[Effect, Site]]:
     return list(seen.values())
 
 
+def examples(places: list[tuple[Effect, Site]]) -> list[tuple[Effect, Site]]:
+    """One for each way to put an effect in and for each domain; the others say the same of slow tests."""
+    shown: set[object] = set()
+    chosen = []
+    for effect, site in places:
+        what = {effect.domain, (effect.attach, site.kind)}
+        if not what <= shown:
+            chosen.append((effect, site))
+            shown |= what
+    return chosen
+
+
 def label(value: object) -> str:
     if isinstance(value, Effect):
         return value.class_name.removeprefix("Daest.Effects.")

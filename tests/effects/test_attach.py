@@ -8,7 +8,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
-from effect_rig import finite_poles, first_places, label, placements, rig, rig_sites
+from effect_rig import examples, finite_poles, first_places, label, placements, rig, rig_sites
 
 from daest.errors import ModelError
 from daest.model.effects import Placement
@@ -32,8 +32,7 @@ def placed(class_name: str, place: str, **values: float):
 
 
 PLACES = [p for p in first_places() if p[0].name != "DriftingParameter"]
-# One of every way to put an effect in; all the others run as slow tests.
-EXAMPLES = {(effect.domain, effect.attach, site.kind): (effect, site) for effect, site in PLACES}.values()
+EXAMPLES = examples(PLACES)
 OTHERS = [p for p in PLACES if p not in EXAMPLES]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from effect_rig import MODELS, RIG, characteristic, finite_poles, first_places, in_steps, label, rig
+from effect_rig import MODELS, RIG, characteristic, examples, finite_poles, first_places, in_steps, label, rig
 
 from daest.errors import ModelError
 from daest.modelica.attach import attach
@@ -19,8 +19,7 @@ from daest.modelica.sites import find_site
 from daest.systems.simulate import simulate
 
 WRITABLE = [p for p in first_places() if p[1].kind != "parameter"]
-# One of every way to put an effect in; all the others run as slow tests.
-EXAMPLES = {(effect.domain, effect.attach, site.kind): (effect, site) for effect, site in WRITABLE}.values()
+EXAMPLES = examples(WRITABLE)
 OTHERS = [p for p in WRITABLE if p not in EXAMPLES]
 
 
@@ -92,6 +91,7 @@ def test_values_of_the_model_arrays_and_inputs() -> None:
     assert sun.flat.inputs[-1].name == "G_solar"
 
 
+@pytest.mark.slow
 def test_chain_of_extensions(tmp_path) -> None:
     """Three rounds; the third breaks a connection of the first class."""
     path, expected = RIG, rig()

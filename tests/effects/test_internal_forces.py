@@ -177,6 +177,7 @@ def test_belt_slips_at_the_difference_of_the_rim_speeds(tmp_path, text, term):
     np.testing.assert_allclose(simulated(written.flat), expected, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_two_effects_beside_a_force_and_one_at_a_body_keep_their_places(tmp_path):
     """The second at the force joins the first; that at the body is none of them, though it stands beside."""
     path, effect = tmp_path / "Two.mo", find_effect("Translational.ViscousFriction")

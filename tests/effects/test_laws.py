@@ -20,7 +20,7 @@ from daest.systems.simulate import simulate
 
 Law = Callable[[dict[str, float]], float]
 RNG_SEED = 7
-N_POINTS = 25
+N_POINTS = 8
 G_N, SIGMA = 9.80665, 5.670374419e-8
 
 

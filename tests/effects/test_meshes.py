@@ -56,7 +56,13 @@ def turning(has_coil, drop=0.0):
     ]
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    "form",
+    [
+        form if form in ("sum", "bound", "coil") else pytest.param(form, marks=pytest.mark.slow)
+        for form in FORMS
+    ],
+)
 def test_voltage_drop_is_put_in_series(tmp_path, form):
     path = tmp_path / "Motor.mo"
     path.write_text(HEAD + FORMS[form] + REST)

@@ -45,6 +45,7 @@ def test_false_alarms_come_at_the_stated_rate(n_outputs):
     assert 0.7 < found / wanted < 1.5
 
 
+@pytest.mark.slow
 def test_threshold_of_white_innovations():
     assert threshold_for(Usual.white(2), 30_000.0) == pytest.approx(THRESHOLD_OF_TWO, abs=0.3)
 

@@ -115,6 +115,7 @@ def simulated_servo(seed, n_samples=1500, x0=None, intensity=1e-4):
     return family, recording(model, u, STD, seed, x0)
 
 
+@pytest.mark.slow
 def test_the_normalised_innovations_are_in_their_band_in_most_of_20_runs():
     inside = 0
     for seed in range(20):

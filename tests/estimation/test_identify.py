@@ -63,7 +63,7 @@ def known(shared_data, number):
 # Recordings with a known truth
 
 
-@pytest.mark.parametrize("method", ["oe", "pem"])
+@pytest.mark.parametrize("method", ["oe", pytest.param("pem", marks=pytest.mark.slow)])
 def test_k1_parameters_within_three_standard_errors(shared_data, method):
     experiment, truth = known(shared_data, 1)
     family = hand.servo({**truth, **hand.RIG_START}, noise=UNKNOWN_NOISE if method == "pem" else None)
@@ -79,6 +79,7 @@ def test_k1_parameters_within_three_standard_errors(shared_data, method):
     assert std["phi"].value == pytest.approx(0.01, abs=4 * std["phi"].std_error)
 
 
+@pytest.mark.slow  # the hold that a record tells: test_holds.py
 def test_k1_resampled_to_the_report_s_period_keeps_its_fit(shared_data):
     experiment, truth = known(shared_data, 1)
     columns = np.hstack([experiment.inputs, experiment.outputs])
@@ -95,7 +96,7 @@ def test_k1_resampled_to_the_report_s_period_keeps_its_fit(shared_data):
     assert held.simulated["validation"].fit_percent["omega"] < 90.0
 
 
-@pytest.mark.parametrize("method", ["oe", "pem"])
+@pytest.mark.parametrize("method", ["oe", pytest.param("pem", marks=pytest.mark.slow)])
 def test_k7_knows_three_parameters_only_together(shared_data, method):
     experiment, truth = known(shared_data, 7)
     family = hand.servo({**truth, **hand.REPORT_START}, noise=UNKNOWN_NOISE if method == "pem" else None)
@@ -107,6 +108,7 @@ def test_k7_knows_three_parameters_only_together(shared_data, method):
     assert "d, c and J2 are known only up to a common factor" in result.message
 
 
+@pytest.mark.slow
 def test_positioning_system_agrees_with_the_literature(shared_data):
     train, test = (
         hand.read_csv(
@@ -201,7 +203,7 @@ def test_given_noises_stay_as_they_are():
 # Start values, bounds, records
 
 
-@pytest.mark.parametrize("method", ["oe", "pem"])
+@pytest.mark.parametrize("method", ["oe", pytest.param("pem", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 def test_start_values_off_by_ten_lead_to_the_same_optimum(seed, method):
     noise = UNKNOWN_NOISE if method == "pem" else None
@@ -294,16 +296,17 @@ def test_missing_and_dropped_samples_are_no_obstacle():
 def test_uneven_samples_are_identified():
     family = hand.servo(TRUE)
     rng = np.random.default_rng(1)
-    time = np.cumsum(rng.uniform(0.005, 0.02, 400))
+    n = 200
+    time = np.cumsum(rng.uniform(0.005, 0.02, n))
     ss = state_space(family, theta_of(family, TRUE))
     u = 6.0 * np.sin(np.outer(time, [1.3, 4.1, 9.7, 17.0])).sum(axis=1)[:, None] / 4
     x, states = np.array([0.3, 0.1, -0.1, 0.5]), []
-    for k in range(400):
+    for k in range(n):
         states.append(x)
-        if k < 399:
+        if k < n - 1:
             step = sample(ss, time[k + 1] - time[k])
             x = step.transition @ x + step.input_now @ u[k] + step.input_next @ u[k + 1]
-    y = np.array(states) @ ss.C.T + [0.02, 0.01] * rng.standard_normal((400, 2))
+    y = np.array(states) @ ss.C.T + [0.02, 0.01] * rng.standard_normal((n, 2))
     uneven = Experiment("uneven", time, u, y, ("u",), ("omega", "phi"))
     result = identify(rig(), [uneven], replace(ONCE, hold=None))
     assert result.period is None
@@ -365,7 +368,7 @@ def test_starts_that_are_asked_for_are_all_tried():
 
 def with_slow_noise():
     """Slow noise on the sensors leaves coloured residuals at the only optimum there is."""
-    quiet = simulated(1, n_samples=400)
+    quiet = simulated(1, n_samples=250)
     rng = np.random.default_rng(0)
     slow = lfilter([1.0], [1.0, -0.95], 0.02 * rng.standard_normal(quiet.outputs.shape), axis=0)
     return replace(quiet, outputs=quiet.outputs + slow)
@@ -374,7 +377,7 @@ def with_slow_noise():
 def test_document_is_plain_json_without_nan(shared_data):
     experiment, truth = known(shared_data, 7)
     family = hand.servo({**truth, **hand.REPORT_START}, noise=UNKNOWN_NOISE)
-    result = identify(family, [experiment], IdentifyOptions(split=0.5))
+    result = identify(family, [experiment], replace(ONCE, split=0.5))
     content = document(result)
     assert json.loads(json.dumps(content, allow_nan=False)) == content
     assert set(content["parameters"]["J1"]) == {

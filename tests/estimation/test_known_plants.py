@@ -207,8 +207,13 @@ end Swing;
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "viscous", "dry"), [("kp100", 63.6, 70.2), ("kp800", 84.8, 88.4)], ids=["small", "large"]
+    ("name", "viscous", "dry"),
+    [
+        pytest.param("kp100", 63.6, 70.2, id="small"),
+        pytest.param("kp800", 84.8, 88.4, id="large"),
+    ],
 )
 def test_free_swing_fits_better_than_a_quick_look_and_friction_shows(
     shared_data, tmp_path, name, viscous, dry

@@ -86,6 +86,7 @@ def test_filter_of_a_linear_model_predicts_as_the_fit(given):
     assert std[1] == pytest.approx(SERVO_STD[1], rel=0.05)
 
 
+@pytest.mark.slow
 def test_filter_of_a_smooth_nonlinear_model_predicts_nearly_as_the_fit():
     """The gain of the filter follows the motion, that of the fit is constant."""
     explicit = oscillator()

@@ -92,7 +92,7 @@ def test_standard_deviations_are_those_of_the_errors(kind):
             FilterOptions(
                 process_intensity=INTENSITY,
                 hold="zoh",
-                n_particles=400,
+                n_particles=200,
                 seed=seed,
                 initial=InitialState.known(np.zeros(4), 0.1) if kind == "particle" else None,
                 measurement_cov=STD**2,

@@ -172,7 +172,7 @@ def test_no_fit_is_worse_than_the_truth(oracles, method, seed):
 # Those that ended 30 to 1300 nats below a fit from the truth, "converged": a frequency that is off by a
 # factor, a pendulum that turns over, dry friction taken for viscous friction.
 FAR_OFF = [
-    ("oscillator", "oe", 1),
+    pytest.param("oscillator", "oe", 1, marks=pytest.mark.slow),
     pytest.param("pendulum", "oe", 1, marks=pytest.mark.slow),
     pytest.param("oscillator", "pem", 1, marks=pytest.mark.slow),
     pytest.param("tanks", "oe", 3, marks=pytest.mark.slow),

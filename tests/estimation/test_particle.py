@@ -91,6 +91,7 @@ def test_growth_model_agrees_with_the_exact_filter(proposal):
     assert abs(values.mean() - log_likelihood) < 5 * values.std(ddof=1) / np.sqrt(6) + 0.05
 
 
+@pytest.mark.slow
 def test_growth_model_error_is_that_of_the_best_estimate():
     """Root mean square error over records against that of the exact filter, which nothing can beat."""
     squares = []

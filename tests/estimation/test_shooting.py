@@ -64,7 +64,11 @@ FAR = [{"J": 1.5, "d": 0.3, "mgl": 4.0}, {"J": 2.5, "d": 0.01, "mgl": 20.0}]
 
 
 @pytest.mark.parametrize(
-    "start", [pytest.param(FAR[0], id="light"), pytest.param(FAR[1], id="heavy", marks=pytest.mark.slow)]
+    "start",
+    [
+        pytest.param(FAR[0], id="light", marks=pytest.mark.slow),
+        pytest.param(FAR[1], id="heavy", marks=pytest.mark.slow),
+    ],
 )
 def test_pendulum_through_many_turns_is_found_from_a_far_start(start):
     explicit, experiment = turning()

@@ -101,6 +101,7 @@ def test_output_error_finds_the_parameter(foreign):
     assert 0.0 < d.std_error < 0.02
 
 
+@pytest.mark.slow
 def test_prediction_error_with_noise_on_a_state_derivative(foreign):
     model = declare(foreign, noises={"der(v)": 0.01})
     options = IdentifyOptions(method="pem", estimate=("d",), hold="foh", second_look=False)

@@ -103,7 +103,7 @@ def agree(found, known, tolerance, names):
     assert np.nansum(found["nis"]) / known.nis.n_innovations == pytest.approx(known.nis.mean, rel=tolerance)
 
 
-@pytest.mark.parametrize("hold", ["zoh", "foh"])
+@pytest.mark.parametrize("hold", [pytest.param("zoh", marks=pytest.mark.slow), "foh"])
 def test_replay_is_the_filter_of_the_recording(plant, tmp_path, hold):
     """Unknown start of which a part never shows, noise in an output, missing outputs; equal steps."""
     model = estimator_model(plant, 0.1, "kalman", hold)
@@ -250,11 +250,11 @@ def nonlinear(request, tmp_path_factory):
     return compile_model(path), experiment, InitialState.known(mean, 0.2)
 
 
-# Each kind, each hold and each model once; the other pairs among the slow tests.
+# One kind, hold and model; the others among the slow tests.
 @pytest.mark.parametrize(
     ("nonlinear", "kind", "hold"),
     [
-        ("Diode", "ekf", "foh"),
+        pytest.param("Diode", "ekf", "foh", marks=pytest.mark.slow),
         ("Pendulum", "ukf", "zoh"),
         pytest.param("Diode", "ukf", "zoh", marks=pytest.mark.slow),
         pytest.param("Pendulum", "ekf", "foh", marks=pytest.mark.slow),
@@ -323,7 +323,9 @@ end Mixed;
 """
 
 
-@pytest.mark.parametrize(("law", "kind"), [("", "kalman"), (" - 0.02*(T - To)^3", "ekf")])
+@pytest.mark.parametrize(
+    ("law", "kind"), [("", "kalman"), pytest.param(" - 0.02*(T - To)^3", "ekf", marks=pytest.mark.slow)]
+)
 def test_each_input_does_what_the_hold_says(tmp_path, law, kind):
     (tmp_path / "Mixed.mo").write_text(MIXED.replace("LAW", law))
     flat, rng, n = compile_model(tmp_path / "Mixed.mo"), np.random.default_rng(3), 80

@@ -22,7 +22,7 @@ WORDS = (
     "4294967296",
 )  # fmt: skip
 TAGS = sorted(set(re.findall(r"<([A-Za-z]+)", TEXT)))
-EXAMPLES = int(os.environ.get("DAEST_FUZZ", "150"))
+EXAMPLES = int(os.environ.get("DAEST_FUZZ", "50"))
 RELAXED = settings(
     max_examples=EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

@@ -18,7 +18,11 @@ from daest.modelica.compile import compile_model
 from daest.systems.linearize import linearize
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCES = ("tests/library/models/ServoIndex3.mo", "examples/servo/Servo.mo", "examples/tank/Tank.mo")
+SOURCES = (
+    "tests/library/models/ServoIndex3.mo",
+    pytest.param("examples/servo/Servo.mo", marks=pytest.mark.slow),
+    "examples/tank/Tank.mo",
+)
 
 
 @pytest.mark.parametrize("source", SOURCES)

@@ -13,7 +13,7 @@ from daest.cli.main import run
 from daest.errors import DaestError
 from daest.modelica.compile import compile_text
 
-N_TEXTS = int(os.environ.get("DAEST_FUZZ", "25"))
+N_TEXTS = int(os.environ.get("DAEST_FUZZ", "12"))
 SECONDS = 30.0
 """Nothing may take longer, on a busy machine."""
 

@@ -37,7 +37,16 @@ def assert_same_reports(dense, sparse):
     np.testing.assert_allclose(sparse.N_singular_values, dense.N_singular_values, atol=1e-7)
 
 
-LARGER = (("Chain", 7), ("Ladder", 12), ("Resistors", 12), ("Rigid", 12), ("Gears", 6))
+LARGER = (
+    ("Grid", 3),
+    ("Gears", 4),
+    ("Resistors", 6),
+    ("Chain", 7),
+    ("Ladder", 12),
+    ("Resistors", 12),
+    ("Rigid", 12),
+    ("Gears", 6),
+)
 
 
 @pytest.mark.parametrize("path", MODELS, ids=lambda path: path.parent.name)
@@ -49,7 +58,7 @@ def test_verdicts_on_every_example(path):
 @pytest.mark.parametrize(
     ("name", "n"),
     [
-        *(("Chain", 5), ("Ladder", 6), ("Resistors", 6), ("Rigid", 6), ("Grid", 3), ("Gears", 4)),
+        *(("Chain", 5), ("Ladder", 6), ("Rigid", 6)),
         *(pytest.param(name, n, marks=pytest.mark.slow) for name, n in LARGER),
     ],
 )

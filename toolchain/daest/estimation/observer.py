@@ -7,6 +7,7 @@ motion, where a linearisation at one point would give it none or an enormous one
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -20,6 +21,7 @@ from daest.systems.sensor_laws import sensor_laws, steepest_slopes
 from daest.systems.state_space import sample
 
 MOST_POINTS = 2000  # of a trajectory that the average is taken over
+KEPT = 16  # functions of its Jacobians
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,10 @@ def average_model(
 ) -> AverageModel:
     """Average linearisation over states (n_samples, n) with inputs ū (n_samples, n_ū)."""
     chosen = np.unique(np.linspace(0, time.size - 1, min(time.size, MOST_POINTS)).astype(int))
-    along = jacobians(explicit).map(chosen.size)
+    if explicit.is_symbolic:  # asked again and again by a search over noise levels
+        along = _jacobians_along(explicit.rhs, explicit.outputs, chosen.size)
+    else:  # not kept: it would keep the process of an FMU
+        along = jacobians(explicit).map(chosen.size)
     values = along(states[chosen].T, ubar[chosen].T, ca.repmat(theta, 1, chosen.size), time[chosen])
     n, n_y = explicit.n_states, len(explicit.flat.outputs)
     sizes = (n, explicit.rhs.numel_in(3), n)
@@ -68,12 +73,21 @@ def average_model(
 
 def jacobians(explicit: Dynamics) -> ca.Function:
     """(x, ū, θ, t) -> ∂f/∂x (n, n), ∂f/∂w (n, n_w), ∂h/∂x (n_y, n) without noise."""
-    kind: Any = ca.SX if explicit.is_symbolic else ca.MX
-    n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in (1, 2, 3, 4))
-    x, ubar, w = kind.sym("x", explicit.n_states), kind.sym("u", n_u + n_v), kind.sym("w", n_w)
+    return _jacobians(explicit.rhs, explicit.outputs, explicit.is_symbolic)
+
+
+@lru_cache(maxsize=KEPT)
+def _jacobians_along(rhs: ca.Function, outputs: ca.Function, n_samples: int) -> ca.Function:
+    return _jacobians(rhs, outputs, True).map(n_samples)
+
+
+def _jacobians(rhs: ca.Function, outputs: ca.Function, is_symbolic: bool) -> ca.Function:
+    kind: Any = ca.SX if is_symbolic else ca.MX
+    n, n_u, n_v, n_w, n_theta = (rhs.numel_in(i) for i in range(5))
+    x, ubar, w = kind.sym("x", n), kind.sym("u", n_u + n_v), kind.sym("w", n_w)
     theta, t = kind.sym("theta", n_theta), kind.sym("t")
     at = (x, ubar[:n_u], ubar[n_u:], w, theta, t)
-    f, h = explicit.rhs(*at), explicit.outputs(*at)
+    f, h = rhs(*at), outputs(*at)
     matrices = [ca.densify(ca.jacobian(f, x)), ca.densify(ca.jacobian(f, w)), ca.densify(ca.jacobian(h, x))]
     with_noise = ca.Function("jacobians", [x, ubar, theta, t, w], matrices)
     return ca.Function(

@@ -155,7 +155,7 @@ def _null_space(matrix: Any) -> Any:
     if n == 0:
         return nmod_mat(0, 0, prime)
     basis, nullity = matrix.nullspace()
-    kept = [int(value) for row in basis.tolist() for value in row[:nullity]]
+    kept = [value for row in basis.tolist() for value in row[:nullity]]
     return nmod_mat(n, nullity, kept, prime)
 
 
@@ -166,4 +166,4 @@ def _pivot_columns(matrix: Any) -> list[int]:
 
 def _nonzero(matrix: Any) -> np.ndarray:
     shape = (matrix.nrows(), matrix.ncols())
-    return np.array([bool(int(value)) for value in matrix.entries()], dtype=bool).reshape(shape)
+    return np.fromiter(map(bool, matrix.entries()), bool).reshape(shape)

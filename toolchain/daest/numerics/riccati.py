@@ -165,8 +165,9 @@ def _doubled(
         return None
     C, S12 = root @ C, S12 @ root.T
     A, G, H = (Phi - S12 @ C).T, C.T @ C, Q - S12 @ S12.T
+    eye, eps = np.eye(A.shape[0]), np.finfo(float).eps
     for _ in range(DOUBLINGS):
-        W = np.eye(A.shape[0]) + G @ H
+        W = eye + G @ H
         factors, pivots, status = dgetrf(W)
         if status:
             return None
@@ -175,10 +176,10 @@ def _doubled(
         change = forward.T @ H @ A
         G = G + backward @ G @ A.T
         A, G, H = A @ forward, (G + G.T) / 2, H + (change + change.T) / 2
-        if not np.all(np.isfinite(H)) or not np.all(np.isfinite(A)):
+        if not np.isfinite(H).all() or not np.isfinite(A).all():
             return None
-        size = np.sqrt(np.abs(np.diagonal(H)))
-        if np.all(np.abs(change) <= np.finfo(float).eps * np.outer(size, size)):
+        size = np.sqrt(np.abs(H.diagonal()))
+        if (np.abs(change) <= eps * (size[:, None] * size)).all():
             return H
     return None
 
@@ -392,17 +393,19 @@ def _doubling(noise: NoiseModel) -> np.ndarray | None:
     A = (noise.Phi - noise.S12 @ weighted[:, :n]).T
     G = noise.C.T @ weighted[:, :n]
     P = noise.Q - noise.S12 @ weighted[:, n:]
+    eye, both = np.eye(n), np.empty((n, 2 * n))
     for _ in range(MAX_DOUBLINGS):
-        W = np.linalg.solve(np.eye(n) + G @ P, np.hstack([A, G]))
+        both[:, :n], both[:, n:] = A, G
+        W = np.linalg.solve(eye + G @ P, both)
         change = A.T @ P @ W[:, :n]
         G = G + A @ W[:, n:] @ A.T
         A = A @ W[:, :n]
         P = P + change
         P, G = (P + P.T) / 2, (G + G.T) / 2
-        if not np.all(np.isfinite(P)):
+        if not np.isfinite(P).all():
             return None
-        size = np.sqrt(np.maximum(np.diagonal(P), 0.0))
-        if np.all(np.abs(change) <= DOUBLING_TOLERANCE * np.outer(size, size)):
+        size = np.sqrt(np.maximum(P.diagonal(), 0.0))
+        if (np.abs(change) <= DOUBLING_TOLERANCE * (size[:, None] * size)).all():
             return P
     return P
 
@@ -412,11 +415,11 @@ def _lyapunov(closed: np.ndarray, forcing: np.ndarray) -> np.ndarray | None:
     X, power = forcing, closed
     for _ in range(MAX_DOUBLINGS):
         change = power @ X @ power.T
-        if not np.all(np.isfinite(change)):
+        if not np.isfinite(change).all():
             return None
         X = X + change
         power = power @ power
-        if np.max(np.abs(power), initial=0.0) < FORGOTTEN or not np.any(change):
+        if np.abs(power).max(initial=0.0) < FORGOTTEN or not change.any():
             return X
     return None
 

@@ -23,9 +23,9 @@ MAX_HALVINGS = 12
 @dataclass(frozen=True)
 class Conditions:
     """Conditions on the `states` at the start, 0 = c(x): `texts` and `places` describe the rows of
-    `function`, which maps x to (c, ∂c/∂x)."""
+    `function`, which maps x to (c, ∂c/∂x); None without any."""
 
-    function: ca.Function
+    function: ca.Function | None
     states: tuple[str, ...]
     texts: tuple[str, ...]
     places: tuple[Place | None, ...]
@@ -106,8 +106,6 @@ def start_arguments(
 
 def _conditions(explicit: ExplicitModel, given: dict[str, float], arguments: tuple) -> Conditions:
     flat = explicit.flat
-    x = ca.MX.sym("x", explicit.n_states)
-    variables = explicit.variables(x, *arguments)
     names = [v.name for v in flat.unknowns]
     unknown = sorted(set(given) - set(names))
     if unknown:
@@ -116,6 +114,10 @@ def _conditions(explicit: ExplicitModel, given: dict[str, float], arguments: tup
     for i, variable in enumerate(flat.unknowns):
         if variable.fixed and i not in targets:
             targets[i] = 0.0 if variable.start is None else variable.start
+    if not targets and not flat.initial_equations and explicit.invariants is None:
+        return Conditions(None, tuple(explicit.state_names), (), ())
+    x = ca.MX.sym("x", explicit.n_states)
+    variables = explicit.variables(x, *arguments)
     rows = [variables[i] - value for i, value in targets.items()]
     texts = [f"{names[i]} = {value:g}" for i, value in targets.items()]
     places = [flat.unknowns[i].place for i in targets]
@@ -156,6 +158,8 @@ def _start_values(explicit: ExplicitModel, arguments: tuple) -> tuple[np.ndarray
     starts = [by_name.get(name) for name in explicit.state_names]
     value = np.array([0.0 if s is None else s for s in starts])
     wish = np.array([0 if s is None else 2 for s in starts])
+    if np.all(wish == 2):  # no alias is asked
+        return value, wish
     x = ca.MX.sym("x", explicit.n_states)
     slopes = ca.jacobian(explicit.variables(x, *arguments), x)
     try:
@@ -207,6 +211,8 @@ def _solve(conditions: Conditions, start: np.ndarray, wish: np.ndarray) -> np.nd
 
 def _evaluate(conditions: Conditions, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """c and its Jacobian; infinite where an inner Newton iteration fails."""
+    if conditions.function is None:
+        return np.zeros(0), np.zeros((0, x.size))
     try:
         residual, slopes = conditions.function(x)
     except RuntimeError:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial, singledispatch
+from threading import get_ident
 from typing import Any, Literal
 
 import casadi as ca
@@ -20,6 +21,7 @@ from daest.model.flat import Dynamics, ExplicitModel, Model
 from daest.model.holds import FOH, SMOOTH, ZOH, Hold, held_inputs, spline_slopes
 from daest.model.linear import DiscreteModel, StateSpace, StateSpaceFamily
 from daest.near import near_names
+from daest.numerics.evaluator import Evaluator
 from daest.numerics.exponential import (
     CUBIC,
     STRAIGHT,
@@ -428,7 +430,7 @@ def state_space(family: StateSpaceFamily, theta: np.ndarray) -> StateSpace:
     >>> ss.A.shape, ss.C.shape
     ((4, 4), (2, 4))
     """
-    values = dict(zip(MATRICES, (m.full() for m in family.matrices.call([theta])), strict=True))
+    values = dict(zip(MATRICES, _values(family.matrices, theta), strict=True))
     for name in VECTORS:
         values[name] = values[name][:, 0]
     return StateSpace(
@@ -463,7 +465,8 @@ def state_space_derivatives(
     if family.derivatives is not None:
         found = zip(MATRICES, family.derivatives(theta, columns), strict=True)
         return {name: m[:, :, 0] if name in VECTORS else m for name, m in found}
-    stacked = _derivative_function(family.matrices, columns)(theta).full().T
+    (stacked,) = _values(_derivative_function(family.matrices, columns), theta)
+    stacked = stacked.T
     result, start = {}, 0
     for i, name in enumerate(MATRICES):
         n_rows, n_columns = family.matrices.size_out(i)
@@ -473,6 +476,20 @@ def state_space_derivatives(
         matrix = part.reshape(len(columns), n_columns, n_rows).transpose(0, 2, 1)
         result[name] = matrix[:, :, 0] if name in VECTORS else matrix
     return result
+
+
+def _values(function: ca.Function, theta: np.ndarray) -> list[np.ndarray]:
+    """The results of a function of theta, as arrays of two dimensions."""
+    evaluator = _evaluator(function, get_ident())
+    return [m.full() for m in function.call([theta])] if evaluator is None else evaluator(theta)
+
+
+@lru_cache(maxsize=CACHED_DERIVATIVES)
+def _evaluator(function: ca.Function, thread: int) -> Evaluator | None:
+    """What evaluates symbolic expressions with dense results: a search asks hundreds of times, and CasADi's
+    own matrices cost ten times the evaluation. One for each thread: it has one place for its results."""
+    is_dense = all(function.sparsity_out(i).is_dense() for i in range(function.n_out()))
+    return Evaluator(function) if is_dense and function.is_a("SXFunction") else None
 
 
 @lru_cache(maxsize=CACHED_DERIVATIVES)
