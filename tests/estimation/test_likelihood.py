@@ -18,6 +18,9 @@ from daest.estimation.linear_predictors import (
     NoiseLevels,
     Problem,
     _interpolation,
+    innovation_slopes,
+    matrix_slopes,
+    noise_levels,
     predict,
     recursion,
     simulate,
@@ -143,6 +146,26 @@ def test_gradient_equals_central_differences(method, kind):
     ])  # fmt: skip
     assert np.allclose(exact.gradient, differences, rtol=1e-5, atol=1e-6 * np.max(np.abs(differences)))
     assert np.all(np.linalg.eigvalsh(exact.information) > 0.0)
+
+
+@pytest.mark.parametrize("method", ["oe", "pem"])
+def test_slopes_of_equal_steps_are_those_of_steps_that_may_differ(method):
+    family, experiment = record_like("complete", 120)
+    problem = problem_for(family, [experiment], method)
+    unknowns, record = problem.unknowns, problem.records[0]
+    z = unknowns.start
+    theta, intensity, std = unknowns.values(z)
+    found = problem.predict(z).found[0]
+    noise = noise_levels(problem, intensity, std) if problem.is_filtered else None
+    dyn = recursion(state_space(family, theta), record, "foh", noise, matrix_slopes(problem, theta))
+    x0 = np.array([0.3, -0.1, 0.2, 0.5])
+    if problem.is_filtered:
+        found = problem.predict(z, True).found[0]
+    equal, any_ = (
+        innovation_slopes(replace(dyn, is_constant=is_constant), record, found, x0)
+        for is_constant in (True, False)
+    )
+    np.testing.assert_allclose(equal, any_, rtol=1e-9, atol=1e-11 * np.max(np.abs(any_)))
 
 
 def test_held_noise_that_reaches_an_output_has_an_exact_gradient():

@@ -180,6 +180,8 @@ def innovation_slopes(dyn: Recursion, record: Record, found: Innovations, x0: np
     assert slope is not None
     states = found.states_at_zero + np.tensordot(x0, found.states_response, 1)
     eps = found.at_zero - np.tensordot(x0, found.response, 1)
+    if dyn.is_constant and record.is_complete and (found.K is None or found.K.ndim == 2):
+        return _constant_slopes(dyn, u, found, states, eps)
     direct = states @ _t(slope.output) + u @ _t(slope.feedthrough) + slope.output_offset[:, None, :]
     drive = _times(slope.transition, states[:-1], 1) + _times(slope.input_now, u[:-1], 1)
     drive = drive + _times(slope.input_next, u[1:], 1)
@@ -190,6 +192,29 @@ def innovation_slopes(dyn: Recursion, record: Record, found: Innovations, x0: np
     start = np.zeros((drive.shape[0], drive.shape[2]))
     moved = _recursion(_closed(dyn, found.K), drive, start)
     return -(moved @ dyn.C.T + direct) * seen
+
+
+def _constant_slopes(
+    dyn: Recursion, u: np.ndarray, found: Innovations, states: np.ndarray, eps: np.ndarray
+) -> np.ndarray:
+    """`innovation_slopes` where one step is as the other and no output is missing: what drives a direction is
+    then one product with all signals of a sample beside each other."""
+    slope = dyn.slope
+    assert slope is not None
+    p, n, n_u = slope.transition.shape[0], states.shape[1], u.shape[1]
+    n_y = dyn.C.shape[0]
+    signals = np.hstack([states[:-1], u[:-1], np.ones((u.shape[0] - 1, 1)), u[1:], eps[:-1]])
+    direct = np.concatenate([slope.output, slope.feedthrough, slope.output_offset[:, :, None]], axis=2)
+    moves = np.concatenate([slope.transition, slope.input_now, slope.drift[:, :, None]], axis=2)
+    by_gain = np.zeros((p, n, n_y))
+    if found.K is not None and found.K_slope is not None:
+        by_gain = found.K_slope
+        moves = moves - found.K @ direct
+    drive = signals @ _t(np.concatenate([moves, slope.input_next, by_gain], axis=2))
+    moved = linear_recursion(_closed(dyn, found.K), drive, np.zeros((p, n)))
+    last = np.hstack([states[-1:], u[-1:], [[1.0]]])
+    at_samples = np.vstack([signals[:, : n + n_u + 1], last])
+    return -(moved @ dyn.C.T) - at_samples @ _t(direct)
 
 
 def _one_step(

@@ -77,20 +77,30 @@ class AffineSteps:
         ss, by, (n_samples, n) = self.matrices, self.by_theta, states.shape
         p, n_gain = by["A"].shape[0], 0 if gain is None else gain.slopes.shape[0]
         error = None if gain is None else gain.measurements - outputs
-        direct = states @ _turned(by["C"]) + inputs.sampled @ _turned(by["D"]) + by["d"][:, None, :]
+        ones = np.ones((n_samples, 1))
+        direct = np.concatenate([by["C"], by["D"], by["d"][:, :, None]], axis=2)
+        straight = np.hstack([states, inputs.sampled, ones]) @ _turned(direct)
         corrected = states if gain is None or error is None else states + error @ gain.gain.T
+        # What drives the parameters is one product with all signals of an interval beside each other.
+        signals = np.hstack([corrected[:-1], inputs.start, inputs.end - inputs.start, ones[1:]])
+        moves = [self.change.transition, *self._moved_inputs(by)]
         drive = np.zeros((p + n + n_gain, n_samples - 1, n))
-        drive[:p] = corrected[:-1] @ _turned(self.change.transition)
-        drive[:p] += self._driven(self.change, ss.B, ss.b, inputs)
-        drive[:p] += self._driven(self.integrals, by["B"], by["b"], inputs)
+        np.matmul(signals, _turned(np.concatenate(moves, axis=2)), out=drive[:p])
         if gain is not None and error is not None:
-            drive[:p] -= direct[:, :-1] @ (self.integrals.transition @ gain.gain).T
+            drive[:p] -= straight[:, :-1] @ (self.integrals.transition @ gain.gain).T
             drive[p + n :] = error[:-1] @ _turned(self.integrals.transition @ gain.slopes)
         start = np.zeros((drive.shape[0], n))
         start[p : p + n] = np.eye(n)
         found = linear_recursion(self._closed(gain), drive, start) @ ss.C.T
-        found[:p] += direct
+        found[:p] += straight
         return found
+
+    def _moved_inputs(self, by: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Derivatives, with a leading axis of p, of what an input at the start of an interval, its rise along
+        the interval, and the offset add to the state."""
+        ss, now, change = self.matrices, self.integrals, self.change
+        offset = change.first @ ss.b[:, None] + now.first @ by["b"][:, :, None]
+        return change.first @ ss.B + now.first @ by["B"], change.second @ ss.B + now.second @ by["B"], offset
 
     def _closed(self, gain: Gain | None) -> np.ndarray:
         """Φ (1 - K C)."""
