@@ -73,6 +73,9 @@ def relative_errors(flat):
     (up, entry), (down, _) = pushed(null, run, torque), pushed(null, run, -torque)
     g = torque[:, None] * entry
     drive, expected = np.stack([g[:-1], g[1:]])[None], (up - down) / 2.0
+    course = np.stack([torque[:-1], torque[1:]])[None]
+    alike = run.dynamics[0].errors(drive), run.dynamics[0].errors_along(course, entry)
+    np.testing.assert_allclose(*alike, atol=1e-12 * np.max(np.abs(expected)))
     return [
         np.max(np.abs(dynamics.errors(drive)[0] - expected)) / np.max(np.abs(expected))
         for dynamics in (run.dynamics[0], average_dynamics(run.average).watched(run.gain))

@@ -63,12 +63,25 @@ class WatchedErrors:
         pushed = _times(drive[:, 0], own.at_start) + _times(drive[:, 1], own.at_end)
         if direct is not None:
             pushed -= _times((self.slopes * direct[:, :-1]) @ self.gain.T, own.transition)
+        change = self._shown(pushed)
+        return change if direct is None else change + direct
+
+    def errors_along(self, courses: np.ndarray, entry: np.ndarray) -> np.ndarray:
+        """`errors` of drives that are courses (k, 2, n_samples - 1) times one and the same `entry` (n,)."""
+        own = self.open_loop
+        pushed = courses[:, 0, :, None] * (own.at_start @ entry)
+        pushed += courses[:, 1, :, None] * (own.at_end @ entry)
+        return self._shown(pushed)
+
+    def _shown(self, pushed: np.ndarray) -> np.ndarray:
+        """Errors of the predicted outputs (k, n_samples, n_y) from what is added to the errors of the states
+        over every interval (k, n_samples - 1, n)."""
+        own = self.open_loop
         if self.closed.shape[0] == 1:
             states = linear_recursion(self.closed[0], pushed, np.zeros(self.closed.shape[1]))
         else:
             states = varying_recursion(self.closed, pushed)
-        change = _times(states, own.C)
-        return change if direct is None else change + direct
+        return _times(states, own.C)
 
 
 def _times(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:

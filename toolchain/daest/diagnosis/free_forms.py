@@ -17,9 +17,10 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.screen import (
     NullObserver,
-    innovation_responses,
     nuisance,
     projected,
+    projection,
+    responses_along,
     spread_under,
 )
 from daest.diagnosis.trial import variables_along
@@ -37,6 +38,7 @@ ANGLE_UNIT = "rad"
 AT_ONCE = 64  # courses that are sent along a recording together: what fits into memory
 JUMP = 3.0  # times that, where the curve is shown beside its jump
 
+Apart = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # what no parameter explains, and its share
 Spread = Callable[[np.ndarray], np.ndarray]  # of the scores of unit responses
 Key = tuple[int, str, str]  # load, variable, speed whose sign multiplies the curve
 
@@ -73,10 +75,10 @@ def free_forms(null: Null, run: NullObserver, variables: Iterable[str] | None = 
     for index in range(len(null.loads)):
         whole = _responses(null, run, index, courses)
         constant, *parts = np.split(whole, ends[:-1])
-        directions = np.vstack([parameters, constant])  # a constant load follows nothing
+        apart = projection(np.vstack([parameters, constant]))  # a constant load follows nothing
         for (name, speed), responses in zip(shared, parts, strict=True):
             key, basis = (index, name, speed), tables[0][name, speed]
-            forms.append(_tested(null, key, basis, responses, directions, run.whitened, spread))
+            forms.append(_tested(null, key, basis, responses, apart, run.whitened, spread))
     corrected = [replace(f, p_value=min(1.0, len(forms) * f.p_value)) for f in forms]
     return tuple(sorted(corrected, key=_rank))
 
@@ -120,11 +122,9 @@ def _responses(null: Null, run: NullObserver, index: int, courses: Sequence[np.n
     parts = []
     for number, (experiment, course) in enumerate(zip(null.experiments, courses, strict=True)):
         corrected, predicted = np.split(course, 2, axis=1)
-        ends = np.stack([corrected[:, :-1], predicted[:, 1:]], axis=1)[..., None]
+        ends = np.stack([corrected[:, :-1], predicted[:, 1:]], axis=1)
         rows = [slice(first, first + AT_ONCE) for first in range(0, len(ends), AT_ONCE)]
-        parts.append(
-            np.vstack([innovation_responses(run, number, experiment, ends[r] * entry) for r in rows])
-        )
+        parts.append(np.vstack([responses_along(run, number, experiment, ends[r], entry) for r in rows]))
     return np.concatenate(parts, axis=1)
 
 
@@ -195,17 +195,17 @@ def _tested(
     key: Key,
     basis: Basis,
     responses: np.ndarray,
-    directions: np.ndarray,
+    apart: Apart,
     white: np.ndarray,
     spread: Spread,
 ) -> FreeForm:
     index, variable, speed = key
     frame = _frame(responses)
-    rest, _ = projected(frame @ responses, directions)
+    rest, _ = apart(frame @ responses)
     # In directions of unit response, what is left of one is its sine against the parameters' directions.
     values, vectors = np.linalg.eigh(rest @ rest.T)
     kept = values > GATES.absorbed_share**2
-    unit, _ = projected((vectors[:, kept] / np.sqrt(values[kept])).T @ frame @ responses, directions)
+    unit, _ = apart((vectors[:, kept] / np.sqrt(values[kept])).T @ frame @ responses)
     z = unit @ white / spread(unit) if np.any(kept) else np.zeros(0)
     statistic, degrees = float(z @ z), max(int(kept.sum()), 1)
     # The curve at the null's parameters: what they took stays theirs.

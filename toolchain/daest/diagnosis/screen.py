@@ -385,9 +385,10 @@ def _responses(
 ) -> np.ndarray:
     """Responses (k, m) of the whitened innovations to each size of the candidates, in their order."""
     names = [name for c in candidates for name in size_names(c)]
-    of_rates, of_outputs = _drive_functions(explicit, names)
     grown = grown_states(null.explicit, null.theta, run.observed[0].filtered.mean(axis=0), explicit)
-    back, as_they_are = grown.rows_without_effects(), np.eye(len(null.flat.outputs))
+    back = grown.rows_without_effects()
+    of_rates, of_outputs = _drive_functions(explicit, names, back)
+    n_states, n_outputs = back.shape[1], len(null.flat.outputs)
     parts = []
     for number, (experiment, observed) in enumerate(zip(null.experiments, run.observed, strict=True)):
         time, (first, last) = experiment.time, _driven_inputs(null, explicit, experiment)
@@ -397,9 +398,12 @@ def _responses(
         at_ends = _drives(explicit, of_rates, time, predicted, last)
         direct = _drives(explicit, of_outputs, time, predicted, last)
         rows = np.empty((len(names), experiment.outputs.size))
-        for several in _several(len(names), experiment.n_samples * back.shape[1]):
-            ends = [at_starts.of(several, slice(0, -1), back), at_ends.of(several, slice(1, None), back)]
-            shown = direct.of(several, slice(None), as_they_are)
+        for several in _several(len(names), experiment.n_samples * n_states):
+            ends = [
+                at_starts.of(several, slice(0, -1), n_states),
+                at_ends.of(several, slice(1, None), n_states),
+            ]
+            shown = direct.of(several, slice(None), n_outputs)
             rows[several] = innovation_responses(run, number, experiment, np.stack(ends, axis=1), shown)
         parts.append(rows)
     return np.concatenate(parts, axis=1)
@@ -449,14 +453,29 @@ def innovation_responses(
     """Responses (k, n_samples · n_y) of the whitened innovations of an experiment to drives g (k, 2,
     n_samples - 1, n) of the states' rates at the starts and ends of its intervals, and `direct` (k,
     n_samples, n_y) of the outputs, through the observer's error dynamics."""
-    change = run.dynamics[number].errors(g, direct)
+    return _whitened(run, experiment, run.dynamics[number].errors(g, direct))
+
+
+def responses_along(
+    run: NullObserver, number: int, experiment: Experiment, courses: np.ndarray, entry: np.ndarray
+) -> np.ndarray:
+    """`innovation_responses` (k, n_samples · n_y) to drives of courses (k, 2, n_samples - 1) that enter the
+    rates by one and the same `entry` (n,)."""
+    return _whitened(run, experiment, run.dynamics[number].errors_along(courses, entry))
+
+
+def _whitened(run: NullObserver, experiment: Experiment, change: np.ndarray) -> np.ndarray:
+    """Changes (k, n_samples, n_y) of the innovations of an experiment, whitened, (k, n_samples · n_y)."""
     change = np.where(np.isfinite(experiment.outputs), change, 0.0)
-    return (change @ run.root.T).reshape(g.shape[0], -1)
+    return (change @ run.root.T).reshape(change.shape[0], -1)
 
 
-def _drive_functions(explicit: ExplicitModel, names: Sequence[str]) -> tuple[ca.Function, ca.Function]:
-    """(x, u, v, t) -> ∂f/∂sizes (n, k), and ∂h/∂sizes (n_y, k), both sparse, at the parameters of the model:
-    most of what effects of size zero would do to each other is nothing then."""
+def _drive_functions(
+    explicit: ExplicitModel, names: Sequence[str], back: np.ndarray
+) -> tuple[ca.Function, ca.Function]:
+    """(x, u, v, t) -> ∂f/∂sizes (n, k) of the states without effects, and ∂h/∂sizes (n_y, k), both sparse, at
+    the parameters of the model: most of what effects of size zero would do to each other is nothing then.
+    The rates of the states with effects times `back` (n_rows, n) are those of the states without."""
     known = {p.name: i for i, p in enumerate(explicit.flat.parameters)}
     sizes = [known[name] for name in names]
     n_x, n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in range(5))
@@ -472,9 +491,10 @@ def _drive_functions(explicit: ExplicitModel, names: Sequence[str]) -> tuple[ca.
         at_null = ca.Function("slopes", [x, u, v, theta, t, chosen], [ca.jacobian(law, chosen)])
         now = ca.SX(explicit.flat.theta_values)
         values = at_null.call([x, u, v, now, t, now[sizes]], True, False)
-        return ca.Function("drives", [x, u, v, t], [ca.sparsify(part) for part in values])
+        # What stands in the laws of many effects is found once.
+        return ca.Function("drives", [x, u, v, t], ca.cse([ca.sparsify(part) for part in values]))
 
-    return slopes(f), slopes(h)
+    return slopes(ca.mtimes(ca.sparsify(ca.DM(back.T)), f)), slopes(h)
 
 
 def _driven_inputs(
@@ -497,22 +517,19 @@ def _driven_inputs(
 
 @dataclass(frozen=True)
 class _Drives:
-    """Values (n_samples, n_nonzeros) of a drive function along a recording, and for each its row among the
+    """Values (n_nonzeros, n_samples) of a drive function along a recording, and for each its row among the
     rates or outputs and its column among the k sizes."""
 
     values: np.ndarray
     rows: np.ndarray
     columns: np.ndarray
 
-    def of(self, sizes: range, samples: slice, turned: np.ndarray) -> np.ndarray:
-        """The drives (len(sizes), n_samples, n) of some sizes at some samples, as rows times `turned`
-        (n_rows, n)."""
-        values = self.values[samples]
-        found = np.zeros((len(sizes), values.shape[0], turned.shape[1]))
+    def of(self, sizes: range, samples: slice, n_rows: int) -> np.ndarray:
+        """The drives (len(sizes), n_samples, n_rows) of some sizes at some samples."""
+        values = self.values[:, samples]
+        found = np.zeros((len(sizes), values.shape[1], n_rows))
         for place in range(*np.searchsorted(self.columns, [sizes.start, sizes.stop])):
-            row, course = turned[self.rows[place]], values[:, place].copy()
-            for target in np.flatnonzero(row):
-                found[self.columns[place] - sizes.start, :, target] += row[target] * course
+            found[self.columns[place] - sizes.start, :, self.rows[place]] = values[place]
         return found
 
 
@@ -525,10 +542,10 @@ def _drives(
 ) -> _Drives:
     """A drive function along the states (n_samples, n) of `explicit`."""
     pattern = drives.sparsity_out(0)
-    values = np.zeros((time.size, 0))
+    values = np.zeros((0, time.size))
     if pattern.nnz():
         columns = [states, inputs[0].T, inputs[1].T, time[:, None]]
-        values = along(drives, columns)[0]
+        values = np.ascontiguousarray(along(drives, columns)[0].T)
     if not np.isfinite(np.sum(values)):
         np.nan_to_num(values, copy=False)
     rows, places = (np.array(part, dtype=int) for part in pattern.get_triplet())
@@ -656,14 +673,23 @@ class _Test:
 def projected(responses: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Responses with what the nuisance directions explain removed, and the share that is left of each.
     Shapes: responses (k, m), directions (d, m); shares (k,)."""
+    return projection(directions)(responses)
+
+
+def projection(directions: np.ndarray) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """`projected` for the same directions (d, m) time and again."""
     scale = np.linalg.norm(directions, axis=1)
     used = directions[scale > 0.0] / scale[scale > 0.0, None]
     values, vectors = np.linalg.eigh(used @ used.T)
     kept = values > GATES.nuisance_rank**2 * values.max(initial=0.0)
     basis = (vectors[:, kept] / np.sqrt(values[kept])).T @ used
-    rest = responses - (responses @ basis.T) @ basis
-    size = np.linalg.norm(responses, axis=1)
-    return rest, np.linalg.norm(rest, axis=1) / np.where(size > 0.0, size, 1.0)
+
+    def apart(responses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rest = responses - (responses @ basis.T) @ basis
+        size = np.linalg.norm(responses, axis=1)
+        return rest, np.linalg.norm(rest, axis=1) / np.where(size > 0.0, size, 1.0)
+
+    return apart
 
 
 def spread_under(white: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
