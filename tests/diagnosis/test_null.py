@@ -17,7 +17,15 @@ from daest.diagnosis.examine import examine
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.holds import better_hold
 from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import fit_null, near_given, open_hold, period_of, refit, with_other_hold
+from daest.diagnosis.null import (
+    fit_null,
+    known_values,
+    near_given,
+    open_hold,
+    period_of,
+    refit,
+    with_other_hold,
+)
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.stand import begin, without_noises
 from daest.diagnosis.trial import Candidate
@@ -118,6 +126,42 @@ def test_hold_of_the_inputs_is_told_by_the_likelihood_with_loads():
     clear = replace(null, hold_lead=2.0 * GATES.clear_hold_gain)
     assert open_hold(clear) is None and open_hold(clear, gain=0.9 * clear.hold_lead) is None
     assert open_hold(clear, gain=1.1 * clear.hold_lead) == "foh" and open_hold(given, gain=1e9) is None
+
+
+def test_the_search_with_the_other_hold_begins_where_the_first_one_ended(monkeypatch):
+    record, _ = rotor_record(1000, seed=4, load=(0.1, 1.0))
+    places, plain, began = [s for s in sites(model()) if s.kind == "node"], nulls.identify, []
+
+    def watched(flat, experiments, options):
+        began.append({p.name: p.value for p in flat.parameters})
+        return plain(flat, experiments, options)
+
+    monkeypatch.setattr(nulls, "identify", watched)
+    null = fit_null(without_noises(model()), places, [record], None)
+    given, second = began
+    first = fit_null(without_noises(model()), places, [record], null.other_hold).fit
+    assert second == pytest.approx(known_values(first)) and second["J"] != given["J"]
+    # What is told of the search is what the user gave.
+    assert {p.name: p.initial for p in null.fit.parameters} == {
+        p.name: given[p.name] for p in null.fit.parameters
+    }
+    alone = fit_null(without_noises(model()), places, [record], null.hold).fit
+    assert null.fit.log_likelihood == pytest.approx(alone.log_likelihood, abs=1e-3)
+    for p in alone.parameters:
+        assert null.fit.theta[p.name] == pytest.approx(p.value, abs=0.1 * (p.std_error or 0.0) + 1e-12)
+    again = fit_null(without_noises(model()), places, [record], null.hold, None, None, known_values(alone))
+    assert again.fit.log_likelihood == pytest.approx(alone.log_likelihood, abs=1e-3)
+
+
+def test_what_rests_at_a_bound_is_no_place_to_begin():
+    record, _ = rotor_record(300)
+    fit = fit_null(
+        without_noises(model()), [s for s in sites(model()) if s.kind == "node"], [record], "zoh"
+    ).fit
+    resting = replace(fit.parameters[0], at_bound="min")
+    left = known_values(replace(fit, status="converged", parameters=(resting, *fit.parameters[1:])))
+    assert fit.parameters[0].name not in left and left
+    assert known_values(replace(fit, status="iteration limit")) == {} == known_values(None)
 
 
 def test_hold_of_recordings_that_were_made_coarser():

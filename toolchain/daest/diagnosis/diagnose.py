@@ -28,6 +28,7 @@ from daest.diagnosis.holds import (
     says_more,
     unsettled_hold,
 )
+from daest.diagnosis.null import known_values
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.stand import begin, beside_limits, halved, limited, without_noises
 from daest.diagnosis.switching import diagnose_switching
@@ -64,11 +65,12 @@ def diagnose(
         return diagnose_switching(
             *switching_case(flat, library, experiments, validation, options), options, progress
         )
-    stand, limits = limited(begin(flat, experiments, validation, options, progress), library, options)
+    asis = begin(flat, experiments, validation, options, progress)
+    stand, limits = limited(asis, library, options)
     holds = Holds(stand, options)
 
     def held(hold: Hold) -> tuple[Sequence[Proof], Diagnosis]:
-        again = replace(options, hold=hold)
+        again = replace(options, hold=hold, near=known_values(asis.null.fit))
         there, its_limits = limited(begin(flat, experiments, validation, again, progress), library, again)
         second = examine(there, library, again, progress)
         return second.proofs, beside_limits(second, there, its_limits)

@@ -19,6 +19,7 @@ from daest.diagnosis.diagnose import switching_case
 from daest.diagnosis.examine import examine
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.holds import AGAIN, BACK, IN_VAIN, better_hold, says_as_much, says_more, unsettled_hold
+from daest.diagnosis.null import known_values
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.rounds import accept, gains_beside, proved_again, proved_beside
 from daest.diagnosis.screen import promising_pairs
@@ -108,12 +109,13 @@ def improve(
     steps += [
         Step(one, one.told, None, f"seen in the recordings: {limit_told(stand, one)}") for one in limits
     ]
+    near = known_values(asis.null.fit)
     task = _Task(stand, tuple(steps), library, options, most_effects, progress)
     try:
         found = _searched(task)
     except _OtherHoldError as other:
         progress(AGAIN.format(hold_text(other.hold)))
-        again = replace(options, hold=other.hold)
+        again = replace(options, hold=other.hold, near=near)
         held = improve(flat, library, experiments, validation, again, most_effects, progress)
         if says_as_much(_last_added(held), other.found.proofs):
             return held
@@ -121,7 +123,7 @@ def improve(
             path = _late(task, _with_best(task, other.path, other.found), "another effect was looked for")
             return _told(path)
         progress(BACK.format(hold_text(stand.null.hold)))
-        again = replace(options, hold=stand.null.hold)
+        again = replace(options, hold=stand.null.hold, near=near)
         return improve(flat, library, experiments, validation, again, most_effects, progress)
     nothing = _told(found)
     if len(found.steps) > len(steps) or options.hold is not None or options.is_over:
@@ -130,7 +132,7 @@ def improve(
     if hold is None:
         return nothing
     progress(IN_VAIN.format(hold_text(hold)))
-    again = replace(options, hold=hold)
+    again = replace(options, hold=hold, near=near)
     other_way = improve(flat, library, experiments, validation, again, most_effects, progress)
     return other_way if says_more(_last_added(other_way), stand) else nothing
 

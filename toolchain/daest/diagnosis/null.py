@@ -3,7 +3,7 @@ loads at the places where the model admits them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
@@ -98,9 +98,11 @@ def fit_null(
     hold: Hold | None,
     held: Sequence[Experiment] | None = None,
     slowest: float | None = None,
+    near: Mapping[str, float] | None = None,
 ) -> Null:
     """Fit the null to the experiments; to those `held`, if they are given, where the inputs of the recordings
     were. The parameters that `flat` marks are estimated. `slowest` [s] limits the time constants of loads.
+    The search begins `near` values that are known, as those with the other hold (`known_values`).
 
     Without `hold`, the only possible or the more likely one is taken: the loads must be there when the holds
     are compared, for half a sample of delay is little beside a load, but a finding once the load is
@@ -125,7 +127,9 @@ def fit_null(
 
     def likelihood(one: Hold) -> float:
         driving = (experiments, one) if held is None else (as_recorded(experiments, held, one), FOH)
-        fits[one] = _loaded_fit(loaded, times, *driving, slowest, is_affine)
+        # The holds differ by half a sample: the second search begins where the first one has ended.
+        begun = near or known_values(max(fits.values(), key=lambda fit: fit.log_likelihood, default=None))
+        fits[one] = _loaded_fit(loaded, times, *driving, slowest, is_affine, begun)
         return fits[one].log_likelihood
 
     best, *others = ranked_holds(names if len(asked) > 1 else (), likelihood, asked)
@@ -136,6 +140,15 @@ def fit_null(
     lead = fits[best].log_likelihood - fits[others[0]].log_likelihood
     apart = None if held is None else as_recorded(experiments, held, others[0])
     return replace(null, other_hold=others[0], hold_lead=lead, other_experiments=apart)
+
+
+def known_values(fit: FitResult | None) -> dict[str, float]:
+    """The parameters at the end of a fit, from which that of a similar model may begin; none of a fit that
+    came to no end. What rests at a bound is left out: a search that begins there may not leave it."""
+    if fit is None or fit.status != "converged":
+        return {}
+    resting = {p.name for p in fit.parameters if p.at_bound}
+    return {name: value for name, value in fit.theta.items() if name not in resting}
 
 
 def as_recorded(
@@ -265,9 +278,16 @@ def _loaded_fit(
     hold: Hold,
     slowest: float | None,
     is_affine: bool,
+    begun: Mapping[str, float],
 ) -> FitResult:
     """The fit with the time constants `times` of the loads; where the start values are a point at which
-    parameters do the same, as those of two equal tanks in a row do, from start values beside it."""
+    parameters do the same, as those of two equal tanks in a row do, from start values beside it. The
+    search begins at the values `begun`, which tell nothing of what the user gave."""
+    if begun:
+        with suppress(EstimationError):
+            fit = _fit_from(_begun_at(loaded, times, begun), times, experiments, hold, slowest, is_affine)
+            given = {p.name: p.value for p in loaded.parameters}
+            return replace(fit, parameters=tuple(replace(p, initial=given[p.name]) for p in fit.parameters))
     try:
         return _fit_from(loaded, times, experiments, hold, slowest, is_affine)
     except EstimationError as error:
@@ -277,6 +297,18 @@ def _loaded_fit(
             return _fit_from(_moved_apart(loaded), times, experiments, hold, slowest, is_affine)
         except EstimationError:
             raise error from None
+
+
+def _begun_at(flat: FlatModel, times: tuple[str, ...], begun: Mapping[str, float]) -> FlatModel:
+    """The model with its estimated parameters and the time constants `times` at the values `begun`, as far as
+    they are known."""
+    return replace(
+        flat,
+        parameters=tuple(
+            replace(p, value=_inside(p, begun.get(p.name, p.value))) if p.estimate or p.name in times else p
+            for p in flat.parameters
+        ),
+    )
 
 
 def _is_about(error: EstimationError, times: tuple[str, ...]) -> bool:

@@ -43,9 +43,10 @@ class DiagnoseOptions:
     show them): a sensor that cuts is tried there first, or taken for granted where it is certain. `held` are
     the experiments and the validation data to take for the hold "zoh" where all of them are coarser than the
     recordings: straight lines then stand for what was held. `slowest_load` limits the time constants of
-    unknown loads [s], where it is known how slow they are (None: the length of the record does). After
-    `time_limit` seconds no further refit is made, and those that run are given up: from the moment `until` of
-    `time.monotonic` on."""
+    unknown loads [s], where it is known how slow they are (None: the length of the record does). `near` are
+    parameter values that are known from the other hold, from which the search of the model as it is begins.
+    After `time_limit` seconds no further refit is made, and those that run are given up: from the moment
+    `until` of `time.monotonic` on."""
 
     effects: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
@@ -59,6 +60,7 @@ class DiagnoseOptions:
     clipped: Mapping[str, Clip] | None = None
     held: tuple[Sequence[Experiment], Sequence[Experiment]] | None = None
     slowest_load: float | None = None
+    near: Mapping[str, float] = field(default_factory=dict)
     time_limit: float = math.inf
     until: float = math.inf
 

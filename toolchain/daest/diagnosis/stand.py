@@ -70,7 +70,8 @@ def begin(
 
     def null_of(quiet: FlatModel) -> Null:
         coarse = None if held is None else held[0]
-        return fit_null(quiet, load_sites(flat), both[0], options.hold, coarse, options.slowest_load)
+        given = (options.hold, coarse, options.slowest_load, options.near)
+        return fit_null(quiet, load_sites(flat), both[0], *given)
 
     def unseen(hold: Hold | None) -> tuple[Experiment, ...]:
         return both[1] if held is None or hold is None else as_recorded(both[1], held[1], hold)
@@ -83,7 +84,8 @@ def begin(
         other = unseen(null.other_hold) if held is not None and null.other_hold else None
         return Stand(flat, null, baseline, unseen_by(null), began, reference, other)
 
-    return replace(options.step("null", (options.hold, options.slowest_load), flat, fitted), began=began)
+    parts = (options.hold, options.slowest_load, *sorted(options.near.items()))
+    return replace(options.step("null", parts, flat, fitted), began=began)
 
 
 def _fitted(
