@@ -34,6 +34,20 @@ class DrivenBy:
     sampled: np.ndarray
     bent: np.ndarray | None = None
 
+    @property
+    def courses(self) -> list[np.ndarray]:
+        """What the inputs are made of in every interval, each (n_samples - 1, n_ū): the start, the rise, and
+        the two bends."""
+        bends = [] if self.bent is None else [self.bent[:, 0], self.bent[:, 1]]
+        return [self.start, self.end - self.start, *bends]
+
+    def weights(self, integrals: TransitionIntegrals) -> list[np.ndarray]:
+        """The integral (..., n, n) by which each of the courses adds to the state."""
+        if self.bent is None:
+            return [integrals.first, integrals.second]
+        square, cube = integrals.more
+        return [integrals.first, integrals.second, integrals.second - square, square - cube]
+
 
 @dataclass(frozen=True)
 class Gain:
@@ -82,8 +96,8 @@ class AffineSteps:
         straight = np.hstack([states, inputs.sampled, ones]) @ _turned(direct)
         corrected = states if gain is None or error is None else states + error @ gain.gain.T
         # What drives the parameters is one product with all signals of an interval beside each other.
-        signals = np.hstack([corrected[:-1], inputs.start, inputs.end - inputs.start, ones[1:]])
-        moves = [self.change.transition, *self._moved_inputs(by)]
+        signals = np.hstack([corrected[:-1], *inputs.courses, ones[1:]])
+        moves = [self.change.transition, *self._moved_by(inputs, by)]
         drive = np.zeros((p + n + n_gain, n_samples - 1, n))
         np.matmul(signals, _turned(np.concatenate(moves, axis=2)), out=drive[:p])
         if gain is not None and error is not None:
@@ -95,12 +109,13 @@ class AffineSteps:
         found[:p] += straight
         return found
 
-    def _moved_inputs(self, by: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives, with a leading axis of p, of what an input at the start of an interval, its rise along
-        the interval, and the offset add to the state."""
+    def _moved_by(self, inputs: DrivenBy, by: Mapping[str, np.ndarray]) -> list[np.ndarray]:
+        """Derivatives, with a leading axis of p, of what each of the courses of the inputs, and then the
+        offset, adds to the state."""
         ss, now, change = self.matrices, self.integrals, self.change
+        pairs = zip(inputs.weights(change), inputs.weights(now), strict=True)
         offset = change.first @ ss.b[:, None] + now.first @ by["b"][:, :, None]
-        return change.first @ ss.B + now.first @ by["B"], change.second @ ss.B + now.second @ by["B"], offset
+        return [*(moved @ ss.B + held @ by["B"] for moved, held in pairs), offset]
 
     def _closed(self, gain: Gain | None) -> np.ndarray:
         """Φ (1 - K C)."""
@@ -112,14 +127,8 @@ class AffineSteps:
         """I (B u0 + b) + R B (u1 - u0) and what bends add, (..., n_steps, n), linear in the integrals and in
         (B, b): either may have a leading axis of derivatives."""
         offset = (integrals.first @ b[..., None])[..., 0]
-        held = inputs.start @ _turned(integrals.first @ B) + offset[..., None, :]
-        straight = held + (inputs.end - inputs.start) @ _turned(integrals.second @ B)
-        if inputs.bent is None:
-            return straight
-        square, cube = integrals.more
-        a, b_r = inputs.bent[:, 0], inputs.bent[:, 1]
-        curved = a @ _turned((integrals.second - square) @ B) + b_r @ _turned((square - cube) @ B)
-        return np.asarray(straight + curved)
+        pairs = zip(inputs.courses, inputs.weights(integrals), strict=True)
+        return np.asarray(sum((u @ _turned(held @ B) for u, held in pairs), offset[..., None, :]))
 
 
 def affine_steps(
