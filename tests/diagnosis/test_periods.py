@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import daest
-from daest.diagnosis.candidates import most_likely_periods
+from daest.diagnosis.candidates import most_likely_length, most_likely_periods
 
 
 @pytest.mark.parametrize("n", [2, 7, 20, 36])
@@ -29,6 +29,25 @@ def test_motion_that_resolves_no_period_tells_none() -> None:
     assert most_likely_periods(np.linspace(0.0, 2000.0, 500), white) is None
 
 
+@pytest.mark.parametrize("length", [0.004, 0.011, 0.03])
+def test_length_of_a_period_along_a_way_is_found_under_noise(length: float) -> None:
+    way = 0.05 * np.sin(np.arange(3000) / 120.0) + 0.02 * np.sin(np.arange(3000) / 47.0)
+    noise = np.random.default_rng(int(1e4 * length)).standard_normal((3000, 2))
+    noise[:, 1] += 0.5 * np.sin(2.0 * np.pi * way / length + 0.4)
+    found = most_likely_length(way, noise)
+    assert found is not None
+    # Within a quarter of a period over the whole way, from where a search comes to it.
+    assert abs(np.ptp(way) / found - np.ptp(way) / length) < 0.26
+
+
+def test_way_that_resolves_no_period_tells_no_length() -> None:
+    white = np.random.default_rng(0).standard_normal((500, 1))
+    assert most_likely_length(np.zeros(500), white) is None
+    assert most_likely_length(np.tile([0.0, 1.0], 250), white) is None
+
+
 def test_cogging_says_over_which_variable_it_repeats() -> None:
     effect = daest.find_effect("Daest.Effects.Rotational.CoggingTorque")
     assert {p.name: p.periods_over for p in effect.parameters if p.periods_over} == {"n": "phi"}
+    effect = daest.find_effect("Daest.Effects.Translational.CoggingForce")
+    assert {p.name: p.periods_over for p in effect.parameters if p.periods_over} == {"p": "s"}

@@ -24,6 +24,8 @@ from daest.systems.reduce import reduce_index
 MOST_SHAPES = 32  # of one effect at one place: thinned out, periodic effects lose whole phases
 TIME = "time"  # a grid may be relative to it: the duration of the recording
 MOST_PERIODS = 60  # in a turn, that the data are searched for
+MOST_LENGTHS = 200  # of a period along a way, that the data are searched for
+LENGTHS_APART = 4  # steps by which the number of periods over a whole way grows by one
 MOST_POINTS = 400  # of a trajectory that a range is taken from
 LEARNED = "Learned"  # curves describe what no effect explains; they are no hypothesis themselves
 NO_SITES = ("parameter",)  # a drifting parameter is looked for by name, not everywhere
@@ -89,7 +91,7 @@ def with_shapes(
         units = units_at(flat, candidate.effect, candidate.site)
         for number, values in enumerate(_shapes(candidate, reached, counts)):
             name = f"{candidate.name}_{number + 1}"
-            searched = MOST_PERIODS if _is_from_data(candidate, values, counts) else 1
+            searched = _n_searched(candidate, values, counts)
             result.append(replace(candidate, name=name, shape=values, units=units, searched=searched))
     return tuple(result), refused
 
@@ -171,10 +173,10 @@ def periods(
     inputs: np.ndarray,
     innovations: np.ndarray,
 ) -> dict[str, float]:
-    """By name of the parameter, the number of periods whose sine and cosine over the effect's variable
-    explain most of the `innovations` (n_samples, n_y)."""
+    """By name of the parameter, the number of periods in a turn, or the length of one along a way, whose sine
+    and cosine over the effect's variable explain most of the `innovations` (n_samples, n_y)."""
     wanted = {
-        f"{c.name}.{p.name}": f"{c.name}.{p.periods_over}"
+        f"{c.name}.{p.name}": (f"{c.name}.{p.periods_over}", bool(p.scale_of))
         for c in candidates
         for p in c.effect.parameters
         if p.periods_over
@@ -183,8 +185,8 @@ def periods(
         return {}
     along = courses(explicit, time, states, inputs, np.arange(time.size))
     found = {
-        name: most_likely_periods(along[variable], innovations)
-        for name, variable in wanted.items()
+        name: (most_likely_length if is_length else most_likely_periods)(along[variable], innovations)
+        for name, (variable, is_length) in wanted.items()
         if variable in along
     }
     return {name: float(n) for name, n in found.items() if n is not None}
@@ -199,12 +201,28 @@ def most_likely_periods(angle: np.ndarray, innovations: np.ndarray) -> int | Non
         return None
     fastest = np.quantile(np.abs(np.diff(angle)), 0.95)
     most = int(min(MOST_PERIODS, np.pi / fastest)) if fastest > 0.0 else MOST_PERIODS
-    power = []
-    for n in range(2, most + 1):
-        table = np.column_stack([np.sin(n * angle), np.cos(n * angle)])
-        seen = table.T @ innovations
-        power.append(float(np.sum(seen * np.linalg.lstsq(table.T @ table, seen, rcond=None)[0])))
+    power = [_power(n * angle, innovations) for n in range(2, most + 1)]
     return 2 + int(np.argmax(power)) if power else None
+
+
+def most_likely_length(way: np.ndarray, innovations: np.ndarray) -> float | None:
+    """The length of a period along `way` (n_samples,) whose sine and cosine explain most of the `innovations`
+    (n_samples, n_y), from two on over the whole way. None where nothing moves, or a period is passed within
+    two samples."""
+    whole, fastest = float(np.ptp(way)), float(np.quantile(np.abs(np.diff(way)), 0.95))
+    if whole <= 0.0 or fastest <= 0.0:
+        return None
+    most = min(2.0 + MOST_LENGTHS / LENGTHS_APART, 0.5 * whole / fastest)
+    counts = np.arange(2.0, most, 1.0 / LENGTHS_APART)
+    power = [_power(2.0 * np.pi * n / whole * way, innovations) for n in counts]
+    return whole / float(counts[int(np.argmax(power))]) if power else None
+
+
+def _power(angle: np.ndarray, innovations: np.ndarray) -> float:
+    """What sine and cosine of an angle (n_samples,) explain of the innovations (n_samples, n_y)."""
+    table = np.column_stack([np.sin(angle), np.cos(angle)])
+    seen = table.T @ innovations
+    return float(np.sum(seen * np.linalg.lstsq(table.T @ table, seen, rcond=None)[0]))
 
 
 def courses(
@@ -246,26 +264,24 @@ def _shapes(
         if parameter.role not in ("shape", "sharpness") or not parameter.grid:
             continue
         values = parameter.grid if parameter.role == "shape" else parameter.grid[:1]
-        count = counts.get(f"{candidate.name}.{parameter.name}")
-        if count is not None and count not in values:
-            values = (*values, count)
         scale = _scale(candidate, parameter, ranges)
-        axes.append(
-            [(parameter.name, scale * value) for value in values if scale > 0.0]
-            or [(parameter.name, parameter.start)]
-        )
+        tried = [scale * value for value in values if scale > 0.0] or [parameter.start]
+        shown = counts.get(f"{candidate.name}.{parameter.name}")
+        if shown is not None and shown not in tried:
+            tried.append(shown)
+        axes.append([(parameter.name, value) for value in tried])
     combinations = [dict(choice) for choice in product(*axes)]
     step = -(-len(combinations) // MOST_SHAPES)
     return combinations[::step]
 
 
-def _is_from_data(candidate: Candidate, values: Mapping[str, float], counts: Mapping[str, float]) -> bool:
-    """Whether a value of the shape is one that the data chose and the grid has not."""
-    return any(
-        values.get(p.name) not in p.grid and values.get(p.name) == counts.get(f"{candidate.name}.{p.name}")
-        for p in candidate.effect.parameters
-        if p.periods_over
-    )
+def _n_searched(candidate: Candidate, values: Mapping[str, float], counts: Mapping[str, float]) -> int:
+    """Of how many values of the shape the data chose this one; 1 where the grid has it."""
+    for p in candidate.effect.parameters:
+        value = values.get(p.name)
+        if p.periods_over and value not in p.grid and value == counts.get(f"{candidate.name}.{p.name}"):
+            return MOST_LENGTHS if p.scale_of else MOST_PERIODS
+    return 1
 
 
 def _scale(candidate: Candidate, parameter: EffectParameter, ranges: Mapping[str, float]) -> float:
