@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from daest.diagnosis.black_box import diagnose_black_box
 from daest.diagnosis.chosen import chosen_candidates
 from daest.diagnosis.examine import examine
+from daest.diagnosis.held_back import lag_in_the_way, told_beside, with_lag
 from daest.diagnosis.holds import (
     AGAIN,
     IN_VAIN,
@@ -30,7 +31,8 @@ from daest.diagnosis.holds import (
 )
 from daest.diagnosis.null import known_values
 from daest.diagnosis.options import DiagnoseOptions, Progress
-from daest.diagnosis.stand import begin, beside_limits, halved, limited, without_noises
+from daest.diagnosis.rounds import accept
+from daest.diagnosis.stand import Stand, begin, beside_limits, halved, limited, without_noises
 from daest.diagnosis.switching import diagnose_switching
 from daest.fmu.binary_model import BinaryModel
 from daest.model.diagnosis import Candidate, Diagnosis, Proof
@@ -84,6 +86,9 @@ def diagnose(
             return replace(told, seconds=time.perf_counter() - stand.began)
         found = examine(stand, library, options, progress)
         return beside_limits(found, stand, limits)
+    beside = _behind_a_lag(stand, found, library, options, progress)
+    if beside is not None:
+        return beside_limits(beside, stand, limits)
     better, other = holds.better(found.proofs), unsettled_hold(stand, found)
     hold = better or other
     if hold is None or options.is_over:
@@ -93,6 +98,24 @@ def diagnose(
     is_second = says_as_much(proofs, found.proofs) if better else says_more(proofs, stand)
     best = told if is_second else beside_limits(found, stand, limits)
     return replace(best, seconds=found.seconds + told.seconds)
+
+
+def _behind_a_lag(
+    stand: Stand,
+    found: Diagnosis,
+    library: Sequence[Effect],
+    options: DiagnoseOptions,
+    progress: Progress,
+) -> Diagnosis | None:
+    """The diagnosis once more beside a lag of a sensor that holds a law back; None where there is none, or
+    nothing is accepted there either."""
+    lag = lag_in_the_way(found)
+    if lag is None or options.is_over:
+        return None
+    progress(f"looking once more, with {lag.candidate.label} in the model")
+    beside = accept(stand, lag, options.jobs)
+    second = with_lag(examine(beside, library, options, progress), told_beside(lag, stand, beside))
+    return None if second is None else replace(second, seconds=time.perf_counter() - stand.began)
 
 
 def switching_case(

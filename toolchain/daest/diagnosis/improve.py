@@ -18,6 +18,7 @@ from daest.diagnosis.candidates import fed
 from daest.diagnosis.diagnose import switching_case
 from daest.diagnosis.examine import examine
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.held_back import lag_in_the_way, told_beside
 from daest.diagnosis.holds import AGAIN, BACK, IN_VAIN, better_hold, says_as_much, says_more, unsettled_hold
 from daest.diagnosis.null import known_values
 from daest.diagnosis.options import DiagnoseOptions, Progress
@@ -258,7 +259,9 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
         return [_late(task, replace(path, last=diagnosis), "all candidates of a round were refitted")]
     if not accepted:
         other = _exchanged(task, path, diagnosis) or _with_pair(task, path, diagnosis)
-        return [path.ended(diagnosis, diagnosis.message) if other is None else other]
+        if other is not None:
+            return [other]
+        return _beside_lag(task, path, diagnosis) or [path.ended(diagnosis, diagnosis.message)]
     helpful = [proof for proof in accepted if _helps(stand.told, proof)]
     if not helpful:
         labels = accepted[0].candidate.label
@@ -316,6 +319,19 @@ def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
     )
     task.progress(f"added {first.candidate.label} and {last.candidate.label}")
     return _Path(accept(beside, last, task.options.jobs), (*path.steps, *steps))
+
+
+def _beside_lag(task: _Task, path: _Path, diagnosis: Diagnosis) -> list[_Path]:
+    """The paths with a lag of a sensor and with what is accepted beside it; none where no lag holds a law
+    back."""
+    lag = lag_in_the_way(diagnosis)
+    if lag is None or task.options.is_over or len(path.steps) - len(task.first) + 2 > task.most_effects:
+        return []
+    beside = accept(path.stand, lag, task.options.jobs)
+    told = told_beside(lag, path.stand, beside)
+    remark = "only together with what follows"
+    grown = _continued(task, _Path(beside, (*path.steps, Step(told, told.told, diagnosis, remark))))
+    return [one for one in grown if len(one.steps) > len(path.steps) + 1]
 
 
 def _in_turn(stand: Stand, one: Screened, other: Screened, jobs: int) -> tuple[Proof, Stand, Proof] | None:

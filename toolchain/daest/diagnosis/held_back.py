@@ -1,0 +1,77 @@
+"""Laws that a lag of a sensor holds back.
+
+A speed that a controller forms from differences of an encoder comes some samples late. An unknown load takes
+this error for a force; a law in place of that load foresees the next samples worse, however right it is, and
+the lag alone foresees later ones worse for want of the law. Both are refused, although each would stand beside
+the other. What is missing is then looked for once more, with the lag in the model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.reasons import told_value
+from daest.diagnosis.stand import Stand
+from daest.estimation.records import n_observed
+from daest.model.diagnosis import Diagnosis, Proof
+from daest.model.fit import error_ratios
+from daest.numerics.statistics import chi2
+
+
+def lag_in_the_way(found: Diagnosis) -> Proof | None:
+    """The refused lag of a signal, with as few states as any, beside which a refused law of another kind may
+    be accepted: the lag makes the recordings likelier than the law does, and with that law the simulation of
+    unseen data is far better. None where something is accepted, or there are no two such effects."""
+    if any(proof.verdict != "rejected" for proof in found.proofs):
+        return None
+    laws = [p for p in found.proofs if not p.candidate.is_dynamic and _is_shown(found, p)]
+    lags = [p for p in found.proofs if p.candidate.is_dynamic and p.candidate.is_of_signal]
+    least = max((p.delta_bic for p in laws), default=np.inf)
+    likely = [p for p in lags if p.delta_bic > max(least, GATES.min_told_bic_gain)]
+    return min(likely, key=lambda p: (p.candidate.effect.n_states, -p.delta_bic), default=None)
+
+
+def _is_shown(found: Diagnosis, proof: Proof) -> bool:
+    """Whether the simulation with a refused law foresees unseen data far better than that without."""
+    if not proof.is_known or proof.delta_bic < GATES.min_told_bic_gain:
+        return False
+    ratios = error_ratios(found.baseline.simulated, proof.told.simulated)
+    return bool(ratios) and max(ratios) < GATES.max_told_ratio
+
+
+def told_beside(lag: Proof, stand: Stand, beside: Stand) -> Proof:
+    """The proof of a lag by the model of `beside`, that of `stand` with the lag."""
+    gain = beside.baseline.log_likelihood - stand.baseline.log_likelihood
+    n_own = len(lag.candidate.estimated)
+    return replace(
+        lag,
+        fit=beside.baseline,
+        delta_log_likelihood=gain,
+        delta_bic=2.0 * gain - n_own * float(np.log(n_observed(stand.null.experiments))),
+        p_value=float(chi2.sf(2.0 * max(gain, 0.0), n_own)),
+        verdict="supported",
+        reason="",
+        final=beside.told,
+    )
+
+
+def with_lag(second: Diagnosis, lag: Proof) -> Diagnosis | None:
+    """The diagnosis beside a lag, with this told; None where it accepts nothing."""
+    accepted = [proof for proof in second.proofs if proof.verdict != "rejected"]
+    if not accepted:
+        return None
+    values = {p.name: p for p in lag.told.parameters}
+    own = [
+        told_value(values[name])
+        for p in lag.candidate.effect.sizes
+        if (name := f"{lag.candidate.name}.{p.name}") in values
+    ]
+    message = (
+        f"{second.message} {lag.candidate.label} ({', '.join(own)}) is missing besides: each of both shows "
+        "only beside the other, and errors are told beside it."
+    )
+    others = [proof for proof in second.proofs if proof.verdict == "rejected"]
+    return replace(second, message=message, proofs=(*accepted, lag, *others))
