@@ -2,8 +2,8 @@
 
 A speed that a controller forms from differences of an encoder comes some samples late. An unknown load takes
 this error for a force; a law in place of that load foresees the next samples worse, however right it is, and
-the lag alone foresees later ones worse for want of the law. Both are refused, although each would stand beside
-the other. What is missing is then looked for once more, with the lag in the model.
+the lag alone foresees later ones worse for want of the law. Both are refused, although each would stand
+beside the other. What is missing is then looked for once more, with the lag in the model.
 """
 
 from __future__ import annotations
