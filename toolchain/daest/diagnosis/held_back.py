@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.reasons import told_value
+from daest.diagnosis.reasons import is_significant, told_value
 from daest.diagnosis.stand import Stand
 from daest.estimation.records import n_observed
 from daest.model.diagnosis import Diagnosis, Proof
@@ -23,15 +23,27 @@ from daest.numerics.statistics import chi2
 
 def lag_in_the_way(found: Diagnosis) -> Proof | None:
     """The refused lag of a signal, with as few states as any, beside which a refused law of another kind may
-    be accepted: the lag makes the recordings likelier than the law does, and with that law the simulation of
-    unseen data is far better. None where something is accepted, or there are no two such effects."""
+    be accepted: the lag makes the recordings likelier than any law does, and what it leaves follows a
+    variable, or the simulation of unseen data is far better with a law. None where something is accepted, or
+    there is no such lag."""
     if any(proof.verdict != "rejected" for proof in found.proofs):
         return None
-    laws = [p for p in found.proofs if not p.candidate.is_dynamic and _is_shown(found, p)]
-    lags = [p for p in found.proofs if p.candidate.is_dynamic and p.candidate.is_of_signal]
-    least = max((p.delta_bic for p in laws), default=np.inf)
-    likely = [p for p in lags if p.delta_bic > max(least, GATES.min_told_bic_gain)]
+    laws = [p for p in found.proofs if not p.candidate.is_dynamic]
+    least = max((p.delta_bic for p in laws), default=0.0)
+    is_shown = any(_is_shown(found, p) for p in laws)
+    likely = [
+        p
+        for p in found.proofs
+        if p.candidate.is_dynamic
+        and p.candidate.is_of_signal
+        and p.delta_bic > max(least, GATES.min_told_bic_gain)
+        and (is_shown or _leaves_a_form(p))
+    ]
     return min(likely, key=lambda p: (p.candidate.effect.n_states, -p.delta_bic), default=None)
+
+
+def _leaves_a_form(proof: Proof) -> bool:
+    return proof.left is not None and is_significant(proof.left, 0.0)
 
 
 def _is_shown(found: Diagnosis, proof: Proof) -> bool:
