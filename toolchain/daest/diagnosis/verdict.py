@@ -174,7 +174,7 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
         return Decided("supported", _supported(evidence, accepted[0]))
     if accepted:
         return _cannot_tell(evidence, accepted)
-    if evidence.rest.is_explained(evidence):
+    if evidence.rest.is_explained(evidence) and not any(p.is_any_dynamics for p in evidence.proofs):
         return _nothing(evidence)
     if leader is not None:
         return Decided(

@@ -1,0 +1,87 @@
+"""Dry friction of an axis whose speed comes late: each shows only beside the other. Simulated by LSODA."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.improve import improve
+from daest.diagnosis.options import DiagnoseOptions
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_text
+from daest.modelica.effects import effect_library
+
+AXIS = """model Axis "An axis on a linear motor"
+  parameter Real m(unit = "kg", min = 0) = 10 annotation(__Daest(estimate = true));
+  parameter Real d(unit = "N.s/m", min = 0) = 20 annotation(__Daest(estimate = true));
+  input Real F(unit = "N");
+  output Real s(unit = "m", start = 0);
+  output Real v(unit = "m/s", start = 0);
+equation
+  der(s) = v;
+  m*der(v) = F - d*v;
+end Axis;
+"""
+PERIOD, N, LATE, DRY = 0.004, 2400, 0.006, 8.0
+EFFECTS = ("CoulombFriction", "Lag", "ConstantLoad", "QuadraticDrag")
+
+
+@cache
+def recorded(dry):
+    rng = np.random.default_rng(42)
+    time = PERIOD * np.arange(N)
+    waves, phases = 2 * np.pi * np.linspace(0.2, 10.0, 25), rng.uniform(0, 2 * np.pi, 25)
+
+    def force(t):
+        return 17.0 * np.sin(np.multiply.outer(t, waves) + phases).sum(-1)
+
+    def rates(t, x):
+        return [x[1], (force(t) - 35.0 * x[1] - dry * np.tanh(x[1] / 1e-3)) / 12.0, (x[1] - x[2]) / LATE]
+
+    x = solve_ivp(rates, (0, time[-1]), np.zeros(3), "LSODA", time, rtol=1e-8, atol=1e-10, max_step=PERIOD).y
+    y = x[[0, 2]].T + rng.normal(0.0, [2e-5, 1e-3], (N, 2))
+    return Experiment("run", time, force(time)[:, None], y, ("F",), ("s", "v"))
+
+
+def axis():
+    return compile_text(AXIS.encode(), Path("Axis.mo"))
+
+
+def sizes(proofs):
+    found = {}
+    for proof in proofs:
+        for size in proof.candidate.effect.sizes:
+            value = next(p for p in proof.told.parameters if p.name == f"{proof.candidate.name}.{size.name}")
+            found[proof.candidate.effect.name] = value
+    return found
+
+
+@pytest.mark.slow
+def test_friction_behind_a_lag_is_found_beside_it():
+    found = diagnose(axis(), effect_library(), [recorded(DRY)], options=DiagnoseOptions(effects=EFFECTS))
+    accepted = [p for p in found.proofs if p.verdict == "supported"]
+    assert found.verdict == "supported"
+    assert [p.candidate.label for p in accepted] == ["CoulombFriction at 1:v", "Lag at v"]
+    own = sizes(accepted)
+    friction, lag = own["CoulombFriction"], own["Lag"]
+    assert abs(friction.value - DRY) < 4 * friction.std_error < 0.5
+    assert abs(lag.value - LATE) < 4 * lag.std_error + 2e-5
+    assert "is missing besides: each of both shows only beside the other" in found.message
+
+
+@pytest.mark.slow
+def test_improve_adds_both():
+    found = improve(axis(), effect_library(), [recorded(DRY)], options=DiagnoseOptions(effects=EFFECTS))
+    added = [step.proof.candidate.effect.class_name for step in found.steps if step.proof is not None]
+    assert [name.rpartition(".")[2] for name in added] == ["Lag", "CoulombFriction"]
+    assert found.steps[1].remark == "only together with what follows"
+
+
+def test_a_lag_alone_is_told_as_one():
+    options = DiagnoseOptions(effects=("CoulombFriction", "Lag"))
+    found = diagnose(axis(), effect_library(), [recorded(0.0)], options=options)
+    assert all(p.verdict == "rejected" for p in found.proofs)
+    assert "Something dynamic is missing, and it is fast: Lag at v" in found.message
