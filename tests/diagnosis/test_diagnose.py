@@ -300,7 +300,8 @@ def test_unknown_effect_is_told_over_what_the_nearest_wrong_law_leaves():
 
 def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted():
     stand = SimpleNamespace(
-        null=SimpleNamespace(other_hold="zoh", hold_lead=20.0), baseline=SimpleNamespace(log_likelihood=100.0)
+        null=SimpleNamespace(hold="foh", other_hold="zoh", hold_lead=20.0),
+        baseline=SimpleNamespace(log_likelihood=100.0),
     )
     refused, named = SimpleNamespace(verdict="rejected"), SimpleNamespace(verdict="supported")
 
@@ -309,6 +310,9 @@ def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted():
 
     assert hold("unknown effect", refused) == "zoh"
     assert hold("nothing missing", refused) is None and hold("supported", named) is None
+    # Smooth curves are no half sample away from straight lines.
+    stand.null.other_hold = "smooth"
+    assert hold("unknown effect", refused) is None
     # What is accepted with it must fit better than the model as it is with the hold before.
     named.fit = SimpleNamespace(log_likelihood=105.0)
     assert not says_more([refused, named], stand)
