@@ -51,6 +51,14 @@ def test_an_input_that_can_be_played_and_identified(fitted, daest):
     assert len(out.splitlines()) == 202
 
 
+def test_a_fit_on_smooth_curves_is_designed_for_on_straight_lines(folder, daest):
+    assert daest("identify", "run1.csv", "--model", "Lag.mo", "--hold", "smooth")[0] == 0
+    assert json.loads((folder / "results" / "fit.json").read_text())["hold"] == "smooth"
+    code, out, err = daest("design", "run1.csv", "--model", "Lag.mo", *SHORT, "--format", "json")
+    assert code == 0, err
+    assert json.loads(out)["input"]["hold"] == "foh"
+
+
 def test_predicted_errors_are_those_of_the_fit_along_the_recording(fitted, daest):
     """The present recording is the one that was fitted: its errors are known from there."""
     code, out, _ = daest("design", "run1.csv", "--model", "Lag.mo", *SHORT, "--format", "json")

@@ -35,11 +35,20 @@ def proof(rotor, name, place, **sizes):
     return SimpleNamespace(verdict="not separable", candidate=candidate, flat=flat, told=told)
 
 
-def asked(proofs, low=0.6):
+def asked(proofs, low=0.6, hold="zoh"):
     time = 0.05 * np.arange(241)
     torque = np.random.default_rng(1).uniform(low, 1.2, 13).repeat(20)[:241, None]
     run = Experiment("run", time, torque, np.zeros((241, 1)), ("tau",), ("w",))
-    return Asked(proofs, (run,), "zoh")
+    return Asked(proofs, (run,), hold)
+
+
+def test_curves_of_recordings_are_not_asked_of_what_is_played(rotor):
+    left = [
+        proof(rotor, "CoulombFriction", "rotor.flange_a", tau_c=0.2),
+        proof(rotor, "QuadraticDrag", "rotor.flange_a", k=0.02),
+    ]
+    curved, straight = (computed(asked(left, -1.2, hold), OTHERWISE) for hold in ("smooth", "foh"))
+    assert curved == straight and curved.startswith("Play ")
 
 
 def test_input_that_tells_them_apart(rotor):

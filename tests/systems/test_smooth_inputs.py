@@ -115,11 +115,29 @@ def test_slopes_of_smooth_steps_are_those_of_differences():
         np.testing.assert_allclose(getattr(found, name)[0], by_difference, rtol=1e-6, atol=1e-9)
 
 
-def test_matrices_get_the_slopes_that_they_lack():
+def test_slopes_that_a_model_lacks_are_padded_alike():
+    family = state_space_family(lag())
+    theta = lag().theta_values
+    found = [
+        sample_derivatives(
+            state_space(one, theta), state_space_derivatives(one, theta, ["T"]), PERIOD, "smooth"
+        )
+        for one in (family, family_for(family, "smooth"))
+    ]
+    assert found[0].input_now.shape == (1, 1, 2)
+    for name in ("input_now", "input_next", "feedthrough"):
+        assert np.array_equal(getattr(found[0], name), getattr(found[1], name))
+
+
+def lag():
     draft = Draft("Lag", parameters={"T": 0.1}, unknowns=["x"], inputs=["u"])
     draft.outputs = {"y": "x"}
     draft.equation("T*der(x) = u - x")
-    flat = draft.flat()
+    return draft.flat()
+
+
+def test_matrices_get_the_slopes_that_they_lack():
+    flat = lag()
     plain = state_space_family(flat)
     padded = family_for(plain, "smooth")
     assert plain.input_derivatives == () and padded.input_derivatives == ((0, 1),)

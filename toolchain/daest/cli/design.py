@@ -194,6 +194,7 @@ def _task(
     from daest.cli.models import model_source, with_settings
     from daest.cli.results import find_fit, fitted
     from daest.design.design import Task
+    from daest.model.holds import causal_hold
 
     source = model_source(project, files.model)
     loaded = model_options.load(project, source, settings)
@@ -204,7 +205,8 @@ def _task(
         flat = with_settings(fitted(flat, fit.document), settings)
     loop = _loop(wish, model_options, project)
     measured, driven, recordings, played = _recordings(flat, loop, project, files.data, data_options)
-    hold = data_options.chosen_hold(project, driven, fit.document if fit else None)
+    # Nothing plays a curve: what is designed runs straight between its values.
+    hold = causal_hold(data_options.chosen_hold(project, driven, fit.document if fit else None))
     limits = _limits(driven, recordings, wish, hold)
     recorded = _recorded_inputs(driven, played, limits)
     folders = (*model_options.libraries, *project.libraries)

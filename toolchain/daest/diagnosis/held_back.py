@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.reasons import is_significant, told_value
+from daest.diagnosis.proof import bic_gain
+from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.stand import Stand
-from daest.estimation.records import n_observed
 from daest.model.diagnosis import Diagnosis, Proof
 from daest.model.fit import error_ratios
 from daest.numerics.statistics import chi2
@@ -51,7 +51,7 @@ def _is_shown(found: Diagnosis, proof: Proof) -> bool:
     if not proof.is_known or proof.delta_bic < GATES.min_told_bic_gain:
         return False
     ratios = error_ratios(found.baseline.simulated, proof.told.simulated)
-    return bool(ratios) and max(ratios) < GATES.max_told_ratio
+    return max(ratios, default=np.inf) < GATES.max_told_ratio
 
 
 def told_beside(lag: Proof, stand: Stand, beside: Stand) -> Proof:
@@ -62,7 +62,7 @@ def told_beside(lag: Proof, stand: Stand, beside: Stand) -> Proof:
         lag,
         fit=beside.baseline,
         delta_log_likelihood=gain,
-        delta_bic=2.0 * gain - n_own * float(np.log(n_observed(stand.null.experiments))),
+        delta_bic=bic_gain(gain, n_own, stand.null),
         p_value=float(chi2.sf(2.0 * max(gain, 0.0), n_own)),
         verdict="supported",
         reason="",
@@ -75,14 +75,8 @@ def with_lag(second: Diagnosis, lag: Proof) -> Diagnosis | None:
     accepted = [proof for proof in second.proofs if proof.verdict != "rejected"]
     if not accepted:
         return None
-    values = {p.name: p for p in lag.told.parameters}
-    own = [
-        told_value(values[name])
-        for p in lag.candidate.effect.sizes
-        if (name := f"{lag.candidate.name}.{p.name}") in values
-    ]
     message = (
-        f"{second.message} {lag.candidate.label} ({', '.join(own)}) is missing besides: each of both shows "
+        f"{second.message} {lag.candidate.label} ({told_values(lag)}) is missing besides: each of both shows "
         "only beside the other, and errors are told beside it."
     )
     others = [proof for proof in second.proofs if proof.verdict == "rejected"]

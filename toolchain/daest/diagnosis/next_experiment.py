@@ -16,7 +16,7 @@ from daest.model.design import Design, Limits, Range
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import Model
-from daest.model.holds import Hold
+from daest.model.holds import Hold, causal_hold
 
 SECONDS = 4.0  # that the search for the experiment may take
 LONGEST = 4000  # samples of a designed experiment, so that the search comes to something
@@ -96,7 +96,7 @@ def _limits(asked: Asked, flat: Model) -> Limits:
         ]
         low, high = float(min(map(np.min, values))), float(max(map(np.max, values)))
         inputs.append(Range(variable.name, variable.unit, low, high, float(max(rates)) or np.inf))
-    return Limits(tuple(inputs), min(longest, LONGEST * period), period, hold=asked.hold)
+    return Limits(tuple(inputs), min(longest, LONGEST * period), period, hold=causal_hold(asked.hold))
 
 
 def _said(found: Design) -> str:

@@ -15,7 +15,7 @@ from daest.diagnosis.open_loop import driven_share, largest_values
 from daest.diagnosis.screen import NullObserver, law_response, run_null
 from daest.diagnosis.trials import Prepared
 from daest.errors import DaestError
-from daest.model.diagnosis import Candidate, FreeForm
+from daest.model.diagnosis import Candidate, FreeForm, Proof
 from daest.model.effects import EffectParameter
 from daest.model.fit import FitResult, FittedParameter
 from daest.quantities import spoken_duration
@@ -187,6 +187,12 @@ def told_value(parameter: FittedParameter) -> str:
     error = "" if parameter.std_error is None else f" ± {parameter.std_error:.2g}"
     unit = "" if parameter.unit == "1" else parameter.unit
     return f"{parameter.name.partition('.')[2]} = {parameter.value:.4g}{error} {unit}".rstrip()
+
+
+def told_values(proof: Proof) -> str:
+    """The parameters of a law with their uncertainties, as messages tell them."""
+    own = f"{proof.candidate.name}."
+    return ", ".join(told_value(p) for p in proof.told.parameters if p.name.startswith(own))
 
 
 def unexplained(explained: float, ratios: Sequence[float]) -> str:

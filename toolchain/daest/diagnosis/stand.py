@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
-import numpy as np
 from scipy.linalg import LinAlgWarning
 
 from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
@@ -19,12 +18,12 @@ from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import Null, as_recorded, fit_null, refit
 from daest.diagnosis.open_loop import simulated_errors
 from daest.diagnosis.options import DiagnoseOptions, Progress
-from daest.diagnosis.proof import Reference
+from daest.diagnosis.proof import Reference, bic_gain
 from daest.diagnosis.settled import FAILURES, settled, simulated
 from daest.diagnosis.unseen import adds_up, foreseen
 from daest.errors import EstimationError
 from daest.estimation.identify import identify
-from daest.estimation.records import n_observed, part_of
+from daest.estimation.records import part_of
 from daest.model.diagnosis import Diagnosis, Proof, VerdictName
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
@@ -163,7 +162,6 @@ def limited(
     parts = (known.hold, known.recorded_hold, known.other_hold, *(law.name for law in found.laws))
     grown = replace(options.step("limited", parts, found.flat, fitted), began=stand.began)
     gain = grown.baseline.log_likelihood - stand.baseline.log_likelihood
-    n_measured = n_observed(stand.null.experiments)
     n_own = len(found.laws)
     proofs = tuple(
         Proof(
@@ -171,7 +169,7 @@ def limited(
             flat=grown.null.flat,
             fit=grown.baseline,
             delta_log_likelihood=gain,
-            delta_bic=2.0 * gain - n_own * float(np.log(n_measured)),
+            delta_bic=bic_gain(gain, n_own, stand.null),
             p_value=float(chi2.sf(2.0 * max(gain, 0.0), n_own)),
             explained=0.0,
             equivalent=(),

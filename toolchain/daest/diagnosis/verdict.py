@@ -10,7 +10,7 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
-from daest.diagnosis.reasons import is_significant, told_value
+from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.unseen import is_likelier, is_silent
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Unproved, VerdictName
@@ -215,10 +215,8 @@ def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
 def _any_dynamics(evidence: Evidence, short: Sequence[Proof]) -> Decided:
     """Lags or delays that do away with what is missing, and are too short to be told from one another."""
     best = short[0]
-    own = f"{best.candidate.name}."
-    values = ", ".join(told_value(p) for p in best.told.parameters if p.name.startswith(own))
     labels = _listed(tuple(p.candidate.label for p in short))
-    would = f"{labels if len(short) == 1 else f'any of {labels}'} would do ({values})"
+    would = f"{labels if len(short) == 1 else f'any of {labels}'} would do ({told_values(best)})"
     return Decided(
         "unknown effect",
         f"Something dynamic is missing, and it is fast: {would}, but {best.reason}."
@@ -246,9 +244,7 @@ def _no_law(evidence: Evidence, loads: Loads, form: FreeForm) -> Decided:
 
 
 def _supported(evidence: Evidence, proof: Proof) -> str:
-    own = f"{proof.candidate.name}."
-    values = ", ".join(told_value(p) for p in proof.told.parameters if p.name.startswith(own))
-    text = f"{proof.candidate.label}: {values}; supported."
+    text = f"{proof.candidate.label}: {told_values(proof)}; supported."
     if proof.equivalent:
         text += f" The sensors cannot tell it from the same effect at {_listed(proof.equivalent)}."
     if proof.same_as:

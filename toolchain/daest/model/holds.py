@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -26,6 +27,8 @@ HOLDS: tuple[Hold, Hold] = (FOH, ZOH)
 """Those of all inputs alike that any recording may have."""
 ALIKE = (*HOLDS, SMOOTH)
 """Those of all inputs alike."""
+
+LONGEST_KEPT = 1_000_000  # values of inputs whose slopes are kept
 
 _MIXED = re.compile(r"zoh\(\s*(.+?)\s*\)")
 _BETWEEN = re.compile(r",\s*(?![^\[]*\])")  # not those of u[1, 2]
@@ -65,12 +68,22 @@ def interval_ends(inputs: np.ndarray, hold: Hold, names: Sequence[str]) -> np.nd
 
 def spline_slopes(inputs: np.ndarray, time: np.ndarray) -> np.ndarray:
     """The slopes (n_samples, n_u) of the cubic splines through inputs (n_samples, n_u) at their samples,
-    whose third derivatives are continuous at the last samples but one (`not-a-knot`)."""
-    from scipy.interpolate import CubicSpline
-
+    whose third derivatives are continuous at the last samples but one (`not-a-knot`). Not to be written to:
+    a search asks for the same ones in every run, and they are kept."""
     if inputs.shape[0] < 2 or not inputs.shape[1]:
         return np.zeros(inputs.shape)
-    return CubicSpline(time, inputs)(time, 1)
+    slopes = _slopes if inputs.size <= LONGEST_KEPT else _slopes.__wrapped__
+    return slopes(inputs.tobytes(), time.tobytes(), inputs.shape[1])
+
+
+@lru_cache(maxsize=8)
+def _slopes(inputs: bytes, time: bytes, n_u: int) -> np.ndarray:
+    from scipy.interpolate import CubicSpline
+
+    t = np.frombuffer(time)
+    found = CubicSpline(t, np.frombuffer(inputs).reshape(-1, n_u))(t, 1)
+    found.flags.writeable = False
+    return found
 
 
 def resampled(inputs: np.ndarray, time: np.ndarray, at: np.ndarray, hold: Hold) -> np.ndarray:
@@ -85,8 +98,8 @@ def resampled(inputs: np.ndarray, time: np.ndarray, at: np.ndarray, hold: Hold) 
 
 
 def causal_hold(hold: Hold) -> Hold:
-    """The hold of a filter that runs along a stream: a spline needs later samples, straight lines only the
-    next one.
+    """The hold of a filter that runs along a stream, and of what is played: a spline needs later samples,
+    straight lines only the next one.
 
     >>> causal_hold("smooth")
     'foh'

@@ -128,8 +128,11 @@ def sample_derivatives(
     with a first axis of length p; `intensity_derivatives` (p, n_w, n_w) are those of the intensity, zero
     when not given.
     """
-    dA, dB, dG, db = (derivatives[name] for name in ("A", "B", "G", "b"))
-    dH = derivatives["H"]
+    dA, dG, db = (derivatives[name] for name in ("A", "G", "b"))
+    dH, padded = derivatives["H"], space_for(ss, hold)
+    added = padded.B.shape[1] - ss.B.shape[1]
+    dB, dD = (np.pad(derivatives[name], ((0, 0), (0, 0), (0, added))) for name in ("B", "D"))
+    ss = padded
     p, n_w = dA.shape[0], ss.G.shape[1]
     intensity = _square(process_intensity, n_w)
     dW = np.zeros((p, n_w, n_w)) if intensity_derivatives is None else intensity_derivatives
@@ -154,7 +157,7 @@ def sample_derivatives(
         input_next=following + following_b,
         drift=change.first @ ss.b + (integrals.first @ db[..., None])[..., 0],
         output=derivatives["C"],
-        feedthrough=derivatives["D"],
+        feedthrough=dD,
         output_offset=derivatives["d"],
         process_cov=dprocess,
         measurement_cov=dmeasurement,
@@ -309,9 +312,7 @@ def _padded(matrices: ca.Function, count: int) -> ca.Function:
     theta = kind.sym("theta", matrices.size1_in(0))
     found = [
         ca.horzcat(m, kind.zeros(m.size1(), count)) if name in DRIVEN else m
-        for name, m in zip(
-            MATRICES, matrices.call([theta], False, not matrices.is_a("SXFunction")), strict=True
-        )
+        for name, m in zip(MATRICES, matrices.call([theta]), strict=True)
     ]
     return ca.Function("matrices", [theta], found, ["theta"], list(MATRICES))
 
