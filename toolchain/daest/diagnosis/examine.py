@@ -15,6 +15,7 @@ from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.learned import learned_load, said, with_formula
+from daest.diagnosis.load_starts import from_nowhere
 from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, open_hold, with_other_hold
 from daest.diagnosis.open_loop import driven_share, open_screen
@@ -79,7 +80,7 @@ def _examined(
     load = smoothed_load(null, run, gains)
     forms = free_forms(null, run)
     form = next(iter(forms), None)
-    loads = verdicts.Loads(stand.declared, null, run, gains, form)
+    loads = verdicts.Loads(stand.declared, null, run, gains, form, starts=from_nowhere(null))
     course = Course(stand, loads, load, (found, used), candidates, chosen_library, options, progress, watched)
     proofs, unproved, is_whole = course.proofs()
     form = _told_by_rest(forms, proofs)

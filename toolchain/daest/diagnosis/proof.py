@@ -139,7 +139,7 @@ def proof_of(
     refit, gain, hopeless = found.refit, found.gain, least_hope(leader, prepared.trial.candidate)
     fed, fit = replace(null, experiments=experiments), found.refit.fit
     n_own = len(prepared.names) - len(null.estimated)
-    delta_bic = bic_gain(gain, n_own, null)
+    delta_bic = bic_gain(gain, n_own + prepared.trial.candidate.n_memory, null)
     with_effect = grown(fed, prepared.flat, explicit, fit, experiments)
     # Without a load the observer waits until the gates that need none are passed.
     after = None if load is None else run_null(with_effect)
@@ -314,7 +314,7 @@ def by_simulation(
     return replace(
         beside,
         delta_log_likelihood=used.gain,
-        delta_bic=used.bic(n_own),
+        delta_bic=used.bic(n_own + candidate.n_memory),
         in_use=used,
         is_shown=True,
         is_by_use=True,

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.load_starts import LoadStart, takes_over
 from daest.diagnosis.null import Null
 from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.screen import NullObserver
@@ -28,6 +29,7 @@ MEASURED: dict[Domain, str] = {  # what could be measured between two places
     "hydraulic": "a pressure or a flow",
 }
 WIDER_BAND = "Excite the machine over a wider band of frequencies, and measure a motion or a current between."
+RECORDED = ("estimation", "validation")
 LARGER = "Record again with larger amplitudes, which show more of the form of the law."
 
 
@@ -58,7 +60,8 @@ class Evidence:
 @dataclass(frozen=True)
 class Loads:
     """The rest where unknown loads stand beside the model as it is. `form` is what the load follows best,
-    `against_form` why unseen data speak against a curve over its variable."""
+    `against_form` why unseen data speak against a curve over its variable, `starts` those that begin with the
+    recording from nowhere."""
 
     flat: FlatModel
     null: Null
@@ -66,12 +69,17 @@ class Loads:
     gains: tuple[PlaceGain, ...]
     form: FreeForm | None
     against_form: str = ""
+    starts: tuple[LoadStart, ...] = ()
 
     @property
     def is_related(self) -> bool:
         return self.form is not None and self.form.p_value < GATES.missing_level
 
     def is_explained(self, evidence: Evidence) -> bool:
+        return not self.starts and self.is_silent(evidence)
+
+    def is_silent(self, evidence: Evidence) -> bool:
+        """Whether nothing is left to explain but how the recording begins."""
         return _simulates_to_noise(evidence, self) or (
             evidence.screen.p_value > GATES.missing_level
             and not self.is_related
@@ -79,6 +87,8 @@ class Loads:
         )
 
     def verdict(self, evidence: Evidence) -> Decided:
+        if self.starts and self.is_silent(evidence):
+            return _of_starts(evidence, self.starts)
         return _of_loads(evidence, self)
 
 
@@ -104,7 +114,8 @@ def decide(evidence: Evidence) -> Decided:
     better = _far_better(evidence, accepted)
     if better is not None:
         return _beside(evidence, accepted, better.candidate.label, _explains_more(evidence, better), LARGER)
-    return replace(_decided(evidence, accepted, leader), proofs=evidence.proofs)
+    decided = _decided(evidence, accepted, leader)
+    return replace(decided, proofs=decided.proofs or evidence.proofs)
 
 
 def _untried_leader(evidence: Evidence, accepted: Sequence[Proof]) -> Unproved | None:
@@ -209,6 +220,41 @@ def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
         f"An unexplained load acts at {_load_places(loads)}, but it is related to no variable of the "
         "model and no effect of the library explains it.",
         "Repeat the same experiment: what comes back in the same way belongs to the machine.",
+    )
+
+
+def _of_starts(evidence: Evidence, starts: Sequence[LoadStart]) -> Decided:
+    """Loads that begin with the recording, and effects that would do the same: nothing else is missing."""
+    begun = _listed(
+        tuple(
+            f"a load at {start.load.place} that begins with the recording ({start.value:.3g} "
+            f"{start.load.unit}, gone by a factor e after {spoken_duration(start.load.time_constant)})"
+            for start in starts
+        )
+    )
+    instead = [p for p in evidence.proofs if any(takes_over(start, p) for start in starts)]
+    again = "Record again with several steps, up and down, from a machine that has been at rest for long."
+    if not instead:
+        return Decided(
+            "external disturbance",
+            f"The data ask for {begun}: the machine was left with something that the model does not have.",
+            again,
+        )
+    labels = tuple(p.candidate.label for p in instead)
+    would = "; ".join(f"{p.candidate.label}: {told_values(p)}" for p in instead)
+    proofs = tuple(
+        replace(
+            p, verdict="not separable", not_separable_from=tuple(n for n in labels if n != p.candidate.label)
+        )
+        if p in instead
+        else p
+        for p in evidence.proofs
+    )
+    return Decided(
+        "cannot tell",
+        f"Either {_listed(labels)} is missing, or {begun} acts: these data do not separate them ({would}).",
+        again,
+        proofs,
     )
 
 
@@ -347,33 +393,37 @@ def _not_proven(evidence: Evidence, near: list[Proof]) -> Decided:
 
 
 def _simulates_to_noise(evidence: Evidence, loads: Loads) -> bool:
-    """Whether the simulation is as good as the one-step prediction on data it has not seen: then nothing acts
-    on the machine that the model does not know, whatever small loads the likelihood likes to have."""
-    noise = _one_step_errors(evidence.baseline, loads.null)
+    """Whether the simulation is as good as the one-step prediction, on data it has not seen and on those of
+    the fit, which may show more: then nothing acts on the machine that the model does not know, whatever
+    small loads the likelihood likes to have."""
+    noise = {data: _one_step_errors(evidence.baseline, loads.null, data) for data in RECORDED}
     fits = [evidence.baseline] + ([] if evidence.told is None else [evidence.told])
-    return bool(noise) and any(_is_at_noise(fit, noise) for fit in fits)
+    return all(noise.values()) and any(
+        all(_is_at_noise(fit, noise[data], data) for data in RECORDED) for fit in fits
+    )
 
 
-def _one_step_errors(baseline: FitResult, null: Null) -> dict[str, float]:
-    """Of each output the one-step error on unseen data; empty where there are none. It is at most that on the
-    data of the fit and what chance may add: an observer may take long to find the start of unseen data."""
+def _one_step_errors(baseline: FitResult, null: Null, data: str) -> dict[str, float]:
+    """Of each output the one-step error on `data`; empty where there are none. It is at most that on the data
+    of the fit and what chance may add: an observer may take long to find the start of unseen data. On the
+    data of the fit that much is added: the loads were fitted to them."""
     one_step = baseline.one_step
-    if "validation" not in one_step:
+    if data not in one_step:
         return {}
     fitted = one_step["estimation"].rms if "estimation" in one_step else {}
     found: dict[str, float] = {}
-    for column, (name, unseen) in enumerate(one_step["validation"].rms.items()):
+    for column, (name, unseen) in enumerate(one_step[data].rms.items()):
         n = sum(int(np.isfinite(e.outputs[:, column]).sum()) for e in null.experiments)
         own = fitted.get(name)
         # The ratio of two rms values of n normal errors each has the standard deviation 1 / sqrt(n).
         limit = np.inf if own is None or n == 0 else own * (1.0 + GATES.min_significance / np.sqrt(n))
         if unseen is not None:
-            found[name] = float(min(unseen, limit))
+            found[name] = float(limit if data == "estimation" else min(unseen, limit))
     return found
 
 
-def _is_at_noise(fit: FitResult, noise: Mapping[str, float]) -> bool:
-    simulated = fit.simulated.get("validation")
+def _is_at_noise(fit: FitResult, noise: Mapping[str, float], data: str) -> bool:
+    simulated = fit.simulated.get(data)
     return simulated is not None and all(
         rms is not None and rms <= GATES.max_to_noise * noise.get(name, 0.0)
         for name, rms in simulated.rms.items()

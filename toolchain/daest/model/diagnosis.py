@@ -63,6 +63,12 @@ class Candidate:
         return self.effect.is_dynamic and not self.keeps_order
 
     @property
+    def n_memory(self) -> int:
+        """The number of states that the effect adds. Their starts are free, and those of a dead time, which
+        has ten, follow any transient: each counts as a parameter."""
+        return self.effect.n_states if self.is_dynamic else 0
+
+    @property
     def is_of_signal(self) -> bool:
         """Whether it stands at an input or an output."""
         return self.site.kind in ("input", "output")

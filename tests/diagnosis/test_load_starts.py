@@ -1,0 +1,82 @@
+"""A heater behind a lag, switched on once when the recording begins: its lag looks like a load that decays
+from then on. Simulated by the closed solution."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daest.diagnosis.diagnose import diagnose
+from daest.model.diagnosis import Diagnosis
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_model
+from daest.modelica.effects import effect_library
+
+HEATER = """model Heater
+  parameter Real C(unit = "J/K", min = 0) = 8 annotation(__Daest(estimate = true));
+  parameter Real U(unit = "W/K", min = 0) = 0.05 annotation(__Daest(estimate = true));
+  parameter Real T_ambient(unit = "degC") = 21;
+  input Real P(unit = "W");
+  output Real T(unit = "degC", start = 21);
+equation
+  C*der(T) = U*(T_ambient - T) + P;
+end Heater;
+"""
+C, U, LAG = 5.0, 0.03, 17.0
+
+
+def _warmed(lag: float, powers: list[float], each: int = 600) -> Experiment:
+    """The heater with one power after the other, `each` that many seconds, and sensor noise of 0.1 degC."""
+    rate = U / C
+    time, T, heat = [], [], []
+    above, late = 0.0, 0.0
+    for number, power in enumerate(powers):
+        t = np.arange(each, dtype=float)
+        slow, fast = np.exp(-rate * t), np.exp(-t / lag) if lag else np.zeros_like(t)
+        # What the heater still holds back or gives back from before decays by exp(-t/lag).
+        held = (late - power) / C / (rate - 1.0 / lag) * (fast - slow) if lag else 0.0
+        T.append(21.0 + above * slow + power / U * (1.0 - slow) + held)
+        heat.append(np.full(each, power))
+        time.append(t + each * number)
+        end = np.exp(-rate * each), np.exp(-each / lag) if lag else 0.0
+        kept = (late - power) / C / (rate - 1.0 / lag) * (end[1] - end[0]) if lag else 0.0
+        above = above * end[0] + power / U * (1.0 - end[0]) + kept
+        late = power + (late - power) * end[1]
+    noise = np.random.default_rng(5).normal(0.0, 0.1, each * len(powers))
+    outputs = (np.concatenate(T) + noise)[:, None]
+    return Experiment("warmed", np.concatenate(time), np.concatenate(heat)[:, None], outputs, ("P",), ("T",))
+
+
+def _diagnosed(folder: Path, experiment: Experiment) -> Diagnosis:
+    (folder / "Heater.mo").write_text(HEATER)
+    return diagnose(compile_model(folder / "Heater.mo"), effect_library(), [experiment])
+
+
+def test_one_step_of_a_heater_behind_a_lag(tmp_path: Path) -> None:
+    """A dead time of ten states could follow the transient by how its states begin."""
+    found = _diagnosed(tmp_path, _warmed(LAG, [2.0]))
+    assert found.verdict == "supported"
+    assert found.proofs[0].candidate.label == "Lag at P"
+    T = found.proofs[0].told.theta[f"{found.proofs[0].candidate.name}.T"]
+    assert pytest.approx(LAG, rel=0.1) == T
+
+
+def test_a_load_that_begins_with_the_recording_is_no_silence(tmp_path: Path) -> None:
+    """The same where only lags are tried that the data do not support: that something is there is said."""
+    experiment = _warmed(LAG, [2.0])
+    (tmp_path / "Heater.mo").write_text(HEATER)
+    effects = [effect for effect in effect_library() if effect.name == "Drift"]
+    found = diagnose(compile_model(tmp_path / "Heater.mo"), effects, [experiment])
+    assert found.verdict == "external disturbance"
+    assert "begins with the recording" in found.message
+
+
+def test_one_step_of_a_heater_without_lag(tmp_path: Path) -> None:
+    assert _diagnosed(tmp_path, _warmed(0.0, [2.0])).verdict == "nothing missing"
+
+
+@pytest.mark.slow
+def test_several_steps_tell_the_lag(tmp_path: Path) -> None:
+    found = _diagnosed(tmp_path, _warmed(LAG, [2.0, 0.5, 3.0, 1.0, 2.5, 0.0], each=200))
+    assert found.verdict != "nothing missing"
+    assert "Lag" in found.message

@@ -1,0 +1,84 @@
+"""Loads that begin at a value which their own noise makes next to impossible.
+
+The start of a load is free in the fit. A load whose noise vanishes while its start does not is a decay that
+begins with the recording. A lag makes the same of a step at the start, so that the recording does not tell
+what a machine lacks from what it was left with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.null import Null
+from daest.model.diagnosis import Load, Proof
+from daest.model.experiment import Experiment
+from daest.model.fit import FitResult
+from daest.systems.integrate import Integrator, integrate, integrator
+from daest.systems.integration import IntegrationError
+
+
+@dataclass(frozen=True)
+class LoadStart:
+    """A load that starts at `value` (in its unit) when the recording number `experiment` begins."""
+
+    load: Load
+    experiment: int
+    value: float
+
+
+def from_nowhere(null: Null) -> tuple[LoadStart, ...]:
+    """The starts of loads that are farther from zero than the size of the load makes likely, in a way that
+    the outputs show; of each load the farthest."""
+    far = [start for load in null.loads if (start := _farthest(null, load)) is not None]
+    if not far:
+        return ()
+    model = integrator(null.explicit)
+    return tuple(start for start in far if _is_seen(null, start, model))
+
+
+def takes_over(start: LoadStart, proof: Proof) -> bool:
+    """Whether the candidate, which keeps a state of its own, does what the start of the load did."""
+    value, _ = _told_start(proof.fit, start.load.name, start.experiment)
+    return proof.candidate.is_dynamic and abs(value) < GATES.max_kept_start * abs(start.value)
+
+
+def _farthest(null: Null, load: Load) -> LoadStart | None:
+    """The most certain of the starts of a load; None where chance explains it."""
+    told = [_told_start(null.fit, load.name, number) for number in range(len(null.experiments))]
+    sure = [abs(value) / max(load.size, error, np.finfo(float).tiny) for value, error in told]
+    number = int(np.argmax(sure))
+    return LoadStart(load, number, told[number][0]) if sure[number] > GATES.max_load_start else None
+
+
+def _told_start(fit: FitResult, name: str, experiment: int) -> tuple[float, float]:
+    """The initial value of a state and its standard error, which is infinite where the data know none."""
+    found = fit.initial_states[experiment]
+    if name not in found.names:
+        return 0.0, np.inf
+    row = found.names.index(name)
+    error = float(found.std_errors[row])
+    return float(found.values[row]), error if np.isfinite(error) else np.inf
+
+
+def _is_seen(null: Null, start: LoadStart, model: Integrator) -> bool:
+    """Whether an output moves by more than its noise where the load starts at zero."""
+    experiment, state = null.experiments[start.experiment], null.initial_states[start.experiment]
+    try:
+        own, without = (
+            _simulated(null, model, experiment, one) for one in (state, {**state, start.load.name: 0.0})
+        )
+    except IntegrationError:
+        return False
+    moved = np.max(np.abs(own - without), axis=0, initial=0.0)
+    return bool(np.any(moved > GATES.min_seen_start * null.measurement_std))
+
+
+def _simulated(
+    null: Null, model: Integrator, experiment: Experiment, state: Mapping[str, float]
+) -> np.ndarray:
+    """Outputs (n_samples, n_y) of the model from that state."""
+    x0 = np.array([state.get(name, 0.0) for name in null.explicit.state_names])
+    return integrate(model, experiment.time, experiment.inputs, null.theta, x0, hold=null.hold).outputs
