@@ -5,10 +5,12 @@ import subprocess
 import sys
 
 import numpy as np
+import pint
 import pytest
 
+from daest import quantities
 from daest.errors import DataError
-from daest.quantities import conversion, parse_unit, spoken_duration
+from daest.quantities import conversion, dimensions, parse_unit, spoken_duration
 
 
 @pytest.mark.parametrize(
@@ -105,3 +107,12 @@ def test_turns_a_minute_are_not_guessed():
 def test_durations_are_told_in_units_that_suit_them():
     said = [spoken_duration(s) for s in (0.05, 60.0, 300.0, 1.8e4, 7200.0, 864000.0)]
     assert said == ["0.05 s", "60 s", "5 min", "5 h", "2 h", "10 d"]
+
+
+def test_dimensions_of_si_units_are_those_of_pint() -> None:
+    registry = pint.UnitRegistry()
+    for symbol in quantities._SI:
+        known = {str(d): float(e) for d, e in registry.Quantity(1.0, symbol).dimensionality.items()}
+        assert dimensions(symbol) == known, symbol
+    assert dimensions("W/(m2.K)") == {"[mass]": 1.0, "[time]": -3.0, "[temperature]": -1.0}
+    assert dimensions("V.A/W") == {}

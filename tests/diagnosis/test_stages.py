@@ -7,6 +7,7 @@ from typing import Any, cast
 import numpy as np
 
 from daest.diagnosis import stages as stages_module
+from daest.diagnosis import trials as trials_module
 from daest.diagnosis.course import _by_states
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.stages import Stages
@@ -62,3 +63,16 @@ def test_dead_times_are_fitted_where_a_lag_shows_itself(monkeypatch: Any) -> Non
     found = stages((0.0, {})).dynamic(wanted)
     assert fitted == ["1 at u", "1 at y", "10 at u"]
     assert [one for part in found if part for _, one in part] == [lags[0]]
+
+
+def test_a_model_that_was_reduced_is_not_reduced_again(monkeypatch: Any) -> None:
+    asked: list[Any] = []
+
+    def reduced(flat: Any) -> Any:
+        asked.append(flat)
+        return "anew"
+
+    monkeypatch.setattr(trials_module, "reduce_index", reduced)
+    one = prepared()
+    assert one.reduced() == "anew" and len(asked) == 1
+    assert replace(one, explicit=cast(Any, "before")).reduced() == "before" and len(asked) == 1

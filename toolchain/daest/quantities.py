@@ -30,6 +30,27 @@ _SPELLINGS = {  # Modelica and loggers -> pint
     "U": "turn",  # as German rigs write turns: U/min
     "RPM": "rpm",
 }
+_BASES = ("[length]", "[mass]", "[time]", "[current]", "[temperature]")
+_SI = {  # exponents of the bases
+    "m": (1, 0, 0, 0, 0),
+    "kg": (0, 1, 0, 0, 0),
+    "s": (0, 0, 1, 0, 0),
+    "A": (0, 0, 0, 1, 0),
+    "K": (0, 0, 0, 0, 1),
+    "rad": (0, 0, 0, 0, 0),
+    "Hz": (0, 0, -1, 0, 0),
+    "N": (1, 1, -2, 0, 0),
+    "Pa": (-1, 1, -2, 0, 0),
+    "J": (2, 1, -2, 0, 0),
+    "W": (2, 1, -3, 0, 0),
+    "C": (0, 0, 1, 1, 0),
+    "V": (2, 1, -3, -1, 0),
+    "ohm": (2, 1, -3, -2, 0),
+    "F": (-2, -1, 4, 2, 0),
+    "H": (2, 1, -2, -2, 0),
+    "Wb": (2, 1, -2, -1, 0),
+    "T": (0, 1, -2, -1, 0),
+}
 _TOGETHER = {  # products written without a mark between their units; pint takes `Nm` for a count of yarn
     "Nm": ("N", "m"),
     "kNm": ("kN", "m"),
@@ -108,9 +129,21 @@ def dimensions(text: str) -> dict[str, float] | None:
 @lru_cache(maxsize=_MOST_UNITS)
 def _dimensions(text: str) -> dict[str, float] | None:
     try:
-        return {str(d): float(e) for d, e in _in_base_units(parse_unit(text), text).dimensionality.items()}
+        factors = parse_unit(text)
+        if all(symbol in _SI for symbol in factors):
+            return _si_dimensions(factors)
+        return {str(d): float(e) for d, e in _in_base_units(factors, text).dimensionality.items()}
     except DataError:
         return None
+
+
+def _si_dimensions(factors: Factors) -> dict[str, float]:
+    """Those of a product of units of the SI without prefixes, for which pint need not be loaded."""
+    total: dict[str, float] = {}
+    for symbol, exponent in factors.items():
+        for base, power in zip(_BASES, _SI[symbol], strict=True):
+            total[base] = total.get(base, 0.0) + exponent * power
+    return {base: power for base, power in total.items() if power}
 
 
 def is_of(unit: str, quantity: str) -> bool:

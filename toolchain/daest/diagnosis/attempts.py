@@ -144,4 +144,4 @@ def _by_shooting(search: Search, prepared: Prepared) -> Prepared:
     )
     fit = identify(prepared.flat, fed(null.experiments, prepared.trial.candidate), options)
     values = {name: fit.theta[name] for name in prepared.names}
-    return replace(prepared, flat=prepared.flat.with_theta(values))
+    return replace(prepared, flat=prepared.flat.with_theta(values), explicit=None)

@@ -114,7 +114,7 @@ def searched(
     leader: Proof | None = None,
 ) -> Searched:
     """The refit of one candidate, as `prove` judges it. Raises what `refit` raises."""
-    explicit = reduce_index(prepared.flat)
+    explicit = prepared.reduced()
     fed = replace(null, experiments=tuple(experiments))
     hopeless = least_hope(leader, prepared.trial.candidate)
     refit = _refit(fed, prepared, explicit, hopeless, null_fit.log_likelihood)
@@ -296,7 +296,7 @@ def by_simulation(
     more than chance, and the law does not destroy what the observer foresees; else that `beside` the
     loads, which refused it. Where an `accepted` law shows that something bends the signal, it is enough to
     say more than that one: which law it is is no question of chance."""
-    explicit = reduce_index(prepared.flat)
+    explicit = prepared.reduced()
     used = _in_use(null, prepared, explicit, found, validation, reference)
     n_own = len(prepared.names) - len(null.estimated)
     is_shown = speaks_for(used, n_own) or (accepted is not None and says_more_in_use(used, accepted.in_use))

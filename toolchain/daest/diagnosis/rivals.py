@@ -527,7 +527,7 @@ def _in_place(null: Null, best: Proof, candidate: Candidate, size: float) -> Pre
 def _simulation_value(null: Null, best: Proof, prepared: Prepared) -> float | None:
     """Negative log-likelihood of the simulation from the simple law's initial states."""
     try:
-        explicit = reduce_index(prepared.flat)
+        explicit = prepared.reduced()
     except DaestError:
         return None
     n_w = len(prepared.flat.noises)

@@ -73,7 +73,7 @@ def gains_beside(stand: Stand, first: Proof, trial: Trial, sharper: float = 1.0)
         model = grown(null, flat, reduce_index(flat), first.fit, fed(null.experiments, first.candidate))
         prepared = prepare(model.flat, model.estimated, trial, sharper=sharper)
         model = replace(model, experiments=fed(model.experiments, trial.candidate))
-        fit = refitted(prepared.flat, reduce_index(prepared.flat), prepared.names, model).fit
+        fit = refitted(prepared.flat, prepared.reduced(), prepared.names, model).fit
     gain = fit.log_likelihood - first.fit.log_likelihood
     return bic_gain(gain, len(prepared.names) - len(model.estimated), model) >= GATES.min_bic_gain
 

@@ -40,7 +40,6 @@ from daest.model.flat import with_equations
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Outcome, Workers, called
 from daest.systems.linearize import has_affine_dynamics
-from daest.systems.reduce import reduce_index
 
 TIME_IS_UP = "it was not refitted: the time was up"
 DYNAMIC_PARTS = 3  # tasks that the fits of the effects with states are
@@ -71,7 +70,8 @@ class Stages:
             for number in range(-1, min(len(trial.alike), MOST_PLACES)):
                 try:
                     here = prepare(null.flat, null.estimated, trial if number < 0 else moved(trial, number))
-                    is_explicit = not null.explicit.is_symbolic or reduce_index(here.flat).is_symbolic
+                    here = replace(here, explicit=here.reduced())
+                    is_explicit = not null.explicit.is_symbolic or here.reduced().is_symbolic
                 except DaestError as error:
                     reason = reason or error.what
                     continue

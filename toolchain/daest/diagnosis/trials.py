@@ -14,9 +14,10 @@ from daest.diagnosis.null import Null
 from daest.diagnosis.settled import FAR
 from daest.model.diagnosis import Candidate, Proof, Screen
 from daest.model.fit import FitResult
-from daest.model.flat import FlatModel, with_equations
+from daest.model.flat import ExplicitModel, FlatModel, with_equations
 from daest.modelica.attach import attach
 from daest.modelica.place_units import units_at
+from daest.systems.reduce import reduce_index
 
 CUT = 0.99  # share of what is beyond the limit that a clipping sensor is taken to cut, at first
 NEARLY = 0.9  # share of its full size, at first, of a law whose kinks are rounded widely
@@ -121,7 +122,8 @@ class Prepared:
     log-likelihood `useless` says less than one of the same law that is known: it is not judged further. One
     that says less than the accepted `simpler` law, which it contains and was started from, is judged in
     brief. One that is `by_shooting` starts from a simulation by multiple shooting. `simulated` is the
-    log-likelihood of the simulation that its values are from, if they are."""
+    log-likelihood of the simulation that its values are from, if they are; `explicit` is the
+    form of `flat`, if that was reduced before."""
 
     trial: Trial
     flat: FlatModel
@@ -133,6 +135,11 @@ class Prepared:
     simpler: Proof | None = None
     by_shooting: bool = False
     simulated: float = -np.inf
+    explicit: ExplicitModel | None = None
+
+    def reduced(self) -> ExplicitModel:
+        """The explicit form of the model. Raises what `reduce_index` raises."""
+        return reduce_index(self.flat) if self.explicit is None else self.explicit
 
 
 def prepare(
@@ -203,4 +210,4 @@ def from_simulation(prepared: Prepared, proof: Proof) -> Prepared | None:
     known = {p.name: p for p in flat.parameters}
     inside = {name: _inside(value, known[name].min, known[name].max) for name, value in kept.items()}
     trial = replace(prepared.trial, candidate=proof.candidate)
-    return replace(prepared, trial=trial, flat=flat.with_theta(inside), simulation=None)
+    return replace(prepared, trial=trial, flat=flat.with_theta(inside), simulation=None, explicit=None)

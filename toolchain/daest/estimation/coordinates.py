@@ -9,6 +9,7 @@ their covariance is that of its curvature.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol, TypeVar
@@ -288,12 +289,35 @@ class Predictor(Protocol[Predicted]):
         """The objective with what ties initial states (`estimation.ties`); itself where they are free."""
 
 
+@dataclass(frozen=True)
+class _Known:
+    """The last evaluation with slopes, that of a `predictor` at z: what checks a start asks for it before the
+    search does."""
+
+    predictor: object
+    z: np.ndarray
+    evaluation: Evaluation
+
+
+_known: deque[_Known] = deque(maxlen=1)
+
+
+def _known_at(predictor: object, z: np.ndarray) -> Evaluation | None:
+    for one in tuple(_known):
+        if one.predictor is predictor and np.array_equal(one.z, z):
+            return one.evaluation
+    return None
+
+
 def objective(predictor: Predictor[Predicted]) -> Objective:
     """Negative log-likelihood, priors and ties over the search vector, with gradient and information; None
     where there is no finite value."""
 
     @np.errstate(all="ignore")  # where numbers overflow, there is no value
     def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
+        known = _known_at(predictor, z)
+        if known is not None:
+            return known if with_slopes else Evaluation(known.value)
         found = predictor.predict(z, with_slopes)
         if found is None or not np.isfinite(found.negative_log_likelihood):
             return None
@@ -302,6 +326,8 @@ def objective(predictor: Predictor[Predicted]) -> Objective:
         gradient, information = predictor.derivatives(found, z)
         if not (np.all(np.isfinite(gradient)) and np.all(np.isfinite(information))):
             return None
-        return Evaluation(found.negative_log_likelihood, gradient, information)
+        made = Evaluation(found.negative_log_likelihood, gradient, information)
+        _known.append(_Known(predictor, z.copy(), made))
+        return made
 
     return with_priors(predictor.tied(evaluate), predictor.unknowns)

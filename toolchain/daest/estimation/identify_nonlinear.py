@@ -242,11 +242,12 @@ def _loses_in_short(
     if sum(cuts) < FEWEST_IN_SHORT:
         return False
     parts = tuple(part_of(e, 0, cut) for e, cut in zip(problem.experiments, cuts, strict=True))
-    end = _together(
-        setup, replace(problem, experiments=parts), z, levels, average, ROUGH_ITERATIONS, FIT.rough_gain
-    )
     there = objective(replace(known.problem, experiments=parts))(known.found.z, False)
-    return end is not None and there is not None and there.value < end.found.evaluation.value
+    if there is None:
+        return False
+    short = replace(problem, experiments=parts)
+    end = _together(setup, short, z, levels, average, ROUGH_ITERATIONS, FIT.rough_gain, there.value)
+    return end is not None and there.value < end.found.evaluation.value
 
 
 def _together(
@@ -257,17 +258,18 @@ def _together(
     average: AverageModel | None,
     iterations: int,
     enough: float,
+    goal: float = np.inf,
 ) -> Ending | None:
     """The end of a search over z and the noise levels from `levels`, with the gains of `average`; over z
-    alone where it has none."""
+    alone where it has none. It ends early where it will not come down to the `goal`."""
     family = None if average is None else free_gains(setup, average, levels)
     if family is None or family.at(np.zeros(family.n_logs)) is None:
         lower, upper = limits(problem)
-        found = minimise(objective(problem), z, lower, upper, iterations, enough)
+        found = minimise(objective(problem), z, lower, upper, iterations, enough, goal)
         return None if found is None else Ending(problem, found, levels)
     wide = with_family(problem, family)
     start = np.concatenate([z, np.zeros(family.n_logs)])
-    found = minimise(objective(wide), start, *limits(wide), iterations, enough)
+    found = minimise(objective(wide), start, *limits(wide), iterations, enough, goal)
     return None if found is None else without_family(setup, wide, found)
 
 

@@ -56,14 +56,9 @@ def average_model(
     if explicit.is_symbolic:  # asked again and again by a search over noise levels
         along = _jacobians_along(explicit.rhs, explicit.outputs, chosen.size)
     else:  # not kept: it would keep the process of an FMU
-        along = jacobians(explicit).map(chosen.size)
-    values = along(states[chosen].T, ubar[chosen].T, ca.repmat(theta, 1, chosen.size), time[chosen])
-    n, n_y = explicit.n_states, len(explicit.flat.outputs)
-    sizes = (n, explicit.rhs.numel_in(3), n)
-    A, G, C = (
-        np.array(value).reshape(rows, chosen.size, columns).mean(axis=1)
-        for value, rows, columns in zip(values, (n, n, n_y), sizes, strict=True)
-    )
+        along = _summed(jacobians(explicit), chosen.size)
+    sums = along(states[chosen].T, ubar[chosen].T, theta, time[chosen])
+    A, G, C = (np.array(value) / chosen.size for value in sums)
     laws = sensor_laws(explicit)
     if laws is not None:
         # The gain of a sensor's steepest slope, which follows the slope along the motion.
@@ -78,7 +73,12 @@ def jacobians(explicit: Dynamics) -> ca.Function:
 
 @lru_cache(maxsize=KEPT)
 def _jacobians_along(rhs: ca.Function, outputs: ca.Function, n_samples: int) -> ca.Function:
-    return _jacobians(rhs, outputs, True).map(n_samples)
+    return _summed(_jacobians(rhs, outputs, True), n_samples)
+
+
+def _summed(function: ca.Function, n_samples: int) -> ca.Function:
+    """(x, ū, θ, t), columns for samples but one θ for all -> the sums of the matrices over the samples."""
+    return function.map("along", "serial", n_samples, [2], [0, 1, 2])
 
 
 def _jacobians(rhs: ca.Function, outputs: ca.Function, is_symbolic: bool) -> ca.Function:

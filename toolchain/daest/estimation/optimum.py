@@ -212,7 +212,9 @@ def lost(search: Search, found: Found) -> list[int]:
 
 
 def _by_value(search: Search, starts: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Starts with a value, the most likely one first, each once."""
+    """Starts with a value, the most likely one first, each once. One alone is not asked for its value."""
+    if len(starts) == 1:
+        return [np.clip(starts[0], search.lower, search.upper)]
     valued: list[tuple[float, np.ndarray]] = []
     for start in starts:
         z = np.clip(start, search.lower, search.upper)
