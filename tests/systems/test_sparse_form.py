@@ -58,7 +58,9 @@ def test_verdicts_on_every_example(path):
 @pytest.mark.parametrize(
     ("name", "n"),
     [
-        *(("Chain", 5), ("Ladder", 6), ("Rigid", 6)),
+        ("Chain", 5),
+        pytest.param("Ladder", 6, marks=pytest.mark.slow),
+        ("Rigid", 6),
         *(pytest.param(name, n, marks=pytest.mark.slow) for name, n in LARGER),
     ],
 )
