@@ -265,7 +265,7 @@ def test_noise_that_is_asked_for_at_a_forbidden_equation_is_an_answer(folder, ca
 def test_no_compiler(folder, capsys, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+    monkeypatch.setattr(compiler, "cache_folder", lambda: folder / "cache")
     monkeypatch.setattr(compiler, "_zig", lambda: None)
     assert run(["export", "Servo.mo", "-o", "servo.fmu"]) == 2
     err = capsys.readouterr().err

@@ -47,7 +47,7 @@ def test_compare_keeps_nothing_and_says_so(closed, daest):
     ("command", "friction", "begins", "file"),
     [
         pytest.param("diagnose", 0.0, "Nothing missing.", "diagnosis.json", marks=pytest.mark.slow),
-        ("improve", 0.5, "Added CoulombFriction", "improve"),
+        ("improve", 0.0, "Nothing added.", "improve"),
     ],
 )
 def test_search(closed, daest, command, friction, begins, file):

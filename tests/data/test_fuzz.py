@@ -12,7 +12,7 @@ from daest.data.read import read_table
 from daest.errors import EXPLANATIONS, ConfigError, DataError
 
 # More with DAEST_FUZZ=10000.
-EXAMPLES = int(os.environ.get("DAEST_FUZZ", "50"))
+EXAMPLES = int(os.environ.get("DAEST_FUZZ", "25"))
 fuzz = settings(
     max_examples=EXAMPLES, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck)
 )

@@ -63,13 +63,13 @@ def accepted(found):
     "seed", [1, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)]
 )
 def test_nothing_is_found_where_nothing_is_missing(seed):
-    found = diagnosed(rotor_record(1000, seed=seed)[0])
+    found = diagnosed(rotor_record(600, seed=seed)[0])
     assert found.verdict == "nothing missing" and not accepted(found)
     assert "It would have shown" in found.message
 
 
 def test_coulomb_friction_is_named_with_its_size():
-    found = diagnosed(rotor_record(1200, seed=5, coulomb=lambda phi: 0.15)[0])
+    found = diagnosed(rotor_record(800, seed=5, coulomb=lambda phi: 0.15)[0])
     assert found.verdict == "supported" and accepted(found) == {"CoulombFriction"}
     best = found.proofs[0]
     size = next(p for p in best.fit.parameters if p.name.endswith("tau_c"))
@@ -108,7 +108,7 @@ def test_dead_zone_of_the_drive_is_found_at_the_input():
 
 
 def test_effect_outside_the_library_gets_a_curve_and_no_name():
-    record, _ = rotor_record(1200, seed=8, coulomb=lambda phi: 0.2)
+    record, _ = rotor_record(800, seed=8, coulomb=lambda phi: 0.2)
     found = diagnosed(record, "Unbalance", "ConstantLoad", "Gain")
     assert found.verdict == "unknown effect" and not accepted(found)
     assert "sign(rotor.w)" in found.learned.formula.text and found.learned.formula.text in found.message
@@ -182,7 +182,7 @@ def test_two_effects_are_found_in_two_rounds():
 
 
 def test_the_only_effect_is_added_once():
-    record, _ = rotor_record(1200, seed=5, coulomb=lambda phi: 0.15)
+    record, _ = rotor_record(700, seed=5, coulomb=lambda phi: 0.15)
     found = improve(model("BareRotor"), library(), [record], options=options("CoulombFriction"))
     assert [s.proof.candidate.site.name for s in found.steps if s.proof] == ["1:w"]
     assert found.last.screen.entries == () and found.last.screen.n_screened == 0
@@ -229,7 +229,7 @@ def test_unknown_effect_name_leaves_no_candidate():
 
 
 def test_measured_column_that_pushes_is_found():
-    record, _ = rotor_record(1000, seed=19)
+    record, _ = rotor_record(600, seed=19)
     wind = np.sin(0.7 * record.time) + 0.5 * np.sin(0.23 * record.time)
     J, d, period = 0.5, 0.3, record.time[1]
     # Linear: the answer to the wind adds up (exact for a torque held over a sample).

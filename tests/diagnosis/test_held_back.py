@@ -30,9 +30,9 @@ EFFECTS = ("CoulombFriction", "Lag", "ConstantLoad", "QuadraticDrag")
 
 
 @cache
-def recorded(dry):
+def recorded(dry, n=N):
     rng = np.random.default_rng(42)
-    time = PERIOD * np.arange(N)
+    time = PERIOD * np.arange(n)
     waves, phases = 2 * np.pi * np.linspace(0.2, 10.0, 25), rng.uniform(0, 2 * np.pi, 25)
 
     def force(t):
@@ -42,7 +42,7 @@ def recorded(dry):
         return [x[1], (force(t) - 35.0 * x[1] - dry * np.tanh(x[1] / 1e-3)) / 12.0, (x[1] - x[2]) / LATE]
 
     x = solve_ivp(rates, (0, time[-1]), np.zeros(3), "LSODA", time, rtol=1e-8, atol=1e-10, max_step=PERIOD).y
-    y = x[[0, 2]].T + rng.normal(0.0, [2e-5, 1e-3], (N, 2))
+    y = x[[0, 2]].T + rng.normal(0.0, [2e-5, 1e-3], (n, 2))
     return Experiment("run", time, force(time)[:, None], y, ("F",), ("s", "v"))
 
 
@@ -82,6 +82,6 @@ def test_improve_adds_both():
 
 def test_a_lag_alone_is_told_as_one():
     options = DiagnoseOptions(effects=("CoulombFriction", "Lag"))
-    found = diagnose(axis(), effect_library(), [recorded(0.0)], options=options)
+    found = diagnose(axis(), effect_library(), [recorded(0.0, 1200)], options=options)
     assert all(p.verdict == "rejected" for p in found.proofs)
     assert "Something dynamic is missing, and it is fast: Lag at v" in found.message

@@ -180,7 +180,7 @@ def test_dynamic_effect_in_a_circuit_with_lost_power():
     )
     known = [replace(p, estimate=p.name in ("winding.J", "winding.k")) for p in flat.parameters]
     flat = replace(flat, parameters=tuple(known))
-    time, lag = 0.01 * np.arange(600), 0.05
+    time, lag = 0.01 * np.arange(400), 0.05
     u = np.sign(np.sin(7.0 * time + 0.1))[:, None]
     keep = np.exp(-0.01 / lag)
     y = lfilter([1.0 - keep], [1.0, -keep], simulate(flat, (time, u), hold="zoh").outputs, axis=0)

@@ -54,7 +54,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [pytest.param("Rooms", marks=pytest.mark.slow), "Tanks"])
 def test_flow_leaves_one_balance_and_enters_the_other(tmp_path, name):
     text, class_name, values, u, end, rate, start = CASES[name]
     path = tmp_path / f"{name}.mo"

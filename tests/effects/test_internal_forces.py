@@ -131,7 +131,15 @@ def play(x, v, gap=0.02, s_s=1e-3):
 
 
 @pytest.mark.parametrize(
-    "text", [GIVEN, BEHIND, BOUND, RATES, TWIST], ids=["given", "behind", "bound", "rates", "twist"]
+    "text",
+    [
+        pytest.param(GIVEN, marks=pytest.mark.slow),
+        BEHIND,
+        pytest.param(BOUND, marks=pytest.mark.slow),
+        RATES,
+        TWIST,
+    ],
+    ids=["given", "behind", "bound", "rates", "twist"],
 )
 def test_play_is_that_of_the_spring_and_the_damper_of_the_equation(tmp_path, text):
     path = tmp_path / "Two.mo"

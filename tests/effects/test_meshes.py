@@ -58,10 +58,7 @@ def turning(has_coil, drop=0.0):
 
 @pytest.mark.parametrize(
     "form",
-    [
-        form if form in ("sum", "bound", "coil") else pytest.param(form, marks=pytest.mark.slow)
-        for form in FORMS
-    ],
+    [form if form in ("sum", "coil") else pytest.param(form, marks=pytest.mark.slow) for form in FORMS],
 )
 def test_voltage_drop_is_put_in_series(tmp_path, form):
     path = tmp_path / "Motor.mo"

@@ -70,10 +70,10 @@ def delay(change, begins=2000, seed=0):
     ("change", "chart", "longest"),
     [
         (lambda z, before: z + 1.0, "mean above", 60),
-        (lambda z, before: z - 0.5, "mean below", 200),
+        pytest.param(lambda z, before: z - 0.5, "mean below", 200, marks=pytest.mark.slow),
         (lambda z, before: 2.0 * z, "spread", 60),
         (lambda z, before: 0.6 * before + 0.8 * z, "correlation", 150),
-        (lambda z, before: -0.6 * before + 0.8 * z, "alternation", 150),
+        pytest.param(lambda z, before: -0.6 * before + 0.8 * z, "alternation", 150, marks=pytest.mark.slow),
     ],
 )
 def test_changes_are_found_and_dated(change, chart, longest):

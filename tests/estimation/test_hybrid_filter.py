@@ -172,10 +172,10 @@ def test_a_block_that_sticks_and_slides(block):
 @pytest.mark.parametrize(
     ("kind", "case"),
     [
-        ("ekf", "loop"),
-        ("ukf", "block"),
-        pytest.param("ukf", "loop", marks=pytest.mark.slow),
-        pytest.param("ekf", "block", marks=pytest.mark.slow),
+        pytest.param("ekf", "loop", marks=pytest.mark.slow),
+        pytest.param("ukf", "block", marks=pytest.mark.slow),
+        ("ukf", "loop"),
+        ("ekf", "block"),
     ],
 )
 def test_sample_by_sample_the_filter_is_that_of_the_record(request, kind, case):

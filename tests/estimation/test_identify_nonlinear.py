@@ -107,7 +107,7 @@ def assert_true(fit, tolerance):
 
 
 def test_output_error_finds_friction_without_process_noise():
-    fit = identified([record(800, 1, 0.0)], "oe")
+    fit = identified([record(500, 1, 0.0)], "oe")
     assert_true(fit, 0.03)
     assert fit.method == "oe" and fit.status == "converged"
     # The model creeps where the simulator sticks: a little more than the noise of the sensor.

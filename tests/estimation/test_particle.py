@@ -200,7 +200,7 @@ def test_seed_decides_and_threads_do_not_matter(monkeypatch):
     assert not np.array_equal(first, run(8, 2))
 
 
-@pytest.mark.parametrize("proposal", ["bootstrap", "ekf"])
+@pytest.mark.parametrize("proposal", [pytest.param("bootstrap", marks=pytest.mark.slow), "ekf"])
 def test_loop_without_compiler_gives_the_same(proposal):
     explicit = oscillator()
     time, (u, y) = 0.1 * np.arange(8), random_record(8, 1, missing=0.2)

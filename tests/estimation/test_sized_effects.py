@@ -42,7 +42,7 @@ def recording() -> Experiment:
     return Experiment("run", time, force[:, None], s[:, None], ("f",), ("s",))
 
 
-@pytest.mark.parametrize("start", [1e9, 1e3])
+@pytest.mark.parametrize("start", [pytest.param(1e9, marks=pytest.mark.slow), 1e3])
 def test_a_size_of_which_nothing_is_known_is_found(start):
     flat = compile_text(MODEL.replace("1e9", f"{start}").encode(), Path("Duffing.mo"))
     fit = identify(flat, [recording()], IdentifyOptions(method="oe"))

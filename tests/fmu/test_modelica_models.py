@@ -19,7 +19,7 @@ from daest.systems.linearize import linearize
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = (
-    "tests/library/models/ServoIndex3.mo",
+    pytest.param("tests/library/models/ServoIndex3.mo", marks=pytest.mark.slow),
     pytest.param("examples/servo/Servo.mo", marks=pytest.mark.slow),
     "examples/tank/Tank.mo",
 )

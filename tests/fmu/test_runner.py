@@ -37,10 +37,8 @@ TRAPS = {
     "LOG": ("fmu-writes-too-much", "4 MB"),
     "PRINT": ("fmu-writes-too-much", "printed last: .*debug mode"),
 }
-CASES = [  # what takes long is watched alike in both kinds
-    pytest.param(
-        trap, *told, kind, marks=pytest.mark.slow if trap in ("HANG", "LOG") and kind[0] == "C" else ()
-    )
+CASES = [  # both kinds are watched alike
+    pytest.param(trap, *told, kind, marks=pytest.mark.slow if trap != "CRASH" and kind[0] == "C" else ())
     for trap, told in TRAPS.items()
     for kind in ("ModelExchange", "CoSimulation")
 ]
@@ -155,7 +153,7 @@ def test_all_requests_together_have_a_limit_and_are_told_of(tmp_path, monkeypatc
     assert heard and re.fullmatch(r"ball\.fmu has worked \d s, on 1 requests", heard[0])
 
 
-@pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
+@pytest.mark.parametrize("kind", ["ModelExchange", pytest.param("CoSimulation", marks=pytest.mark.slow)])
 def test_an_fmu_that_draws_random_numbers_ends_a_search(tmp_path, kind):
     model = load_fmu(ball(tmp_path, kind, RANDOM=5))
     grid, none = np.linspace(0.0, 1.0, 11), np.zeros((10, 1))

@@ -42,8 +42,14 @@ def code_of(path) -> str:
     ("text", "code"),
     [
         (lambda: variables((f"x{i}", i) for i in range(MANY)), "fmu-too-large"),
-        (lambda: f"{HEAD}<!--{'x' * (100 * MEGABYTE)}-->{TAIL}", "fmu-too-large"),
-        (lambda: f"{HEAD}<a {' '.join(f'a{i}=' + repr('1') for i in range(MANY))}/>{TAIL}", "fmu-too-large"),
+        pytest.param(
+            lambda: f"{HEAD}<!--{'x' * (100 * MEGABYTE)}-->{TAIL}", "fmu-too-large", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            lambda: f"{HEAD}<a {' '.join(f'a{i}=' + repr('1') for i in range(MANY))}/>{TAIL}",
+            "fmu-too-large",
+            marks=pytest.mark.slow,
+        ),
         (lambda: f"{HEAD}<LogCategories>{'<x/>' * MANY}</LogCategories>{TAIL}", "fmu-too-large"),
         (lambda: variables((f"x{i}", 7) for i in range(30_000)), "read"),  # all are one variable
         (lambda: deep(100_000), "read"),

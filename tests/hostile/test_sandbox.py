@@ -38,7 +38,10 @@ def outcome(path: Path) -> float:
         return float(runner.evaluate(NOWHERE, (Y,)).values[0, 0, 0])
 
 
-@pytest.mark.parametrize("deed", [WRITE, CHMOD, UNLINK, RENAME, LINK, CUT])
+FURTHER = [pytest.param(deed, marks=pytest.mark.slow) for deed in (RENAME, LINK, CUT)]
+
+
+@pytest.mark.parametrize("deed", [WRITE, CHMOD, UNLINK, *FURTHER])
 def test_it_writes_nowhere_else(tmp_path, monkeypatch, walls, deed):
     if not walls.write:
         pytest.skip("the kernel has no Landlock")
@@ -67,7 +70,7 @@ def test_it_reaches_no_network(tmp_path, monkeypatch, walls, deed):
         assert outcome(path) == 1.0
 
 
-@pytest.mark.parametrize("deed", [DAEMONS, SHELL, SIGNAL])
+@pytest.mark.parametrize("deed", [DAEMONS, pytest.param(SHELL, marks=pytest.mark.slow), SIGNAL])
 def test_it_starts_and_signals_no_process(tmp_path, monkeypatch, walls, deed):
     if not walls.processes:
         pytest.skip("the kernel filters no system calls")

@@ -65,7 +65,9 @@ def test_a_damaged_cache_is_made_anew(cache, damage):
 def test_a_cache_that_cannot_be_written_is_no_error(tmp_path, monkeypatch):
     (tmp_path / "cache").write_text("in the way")
     monkeypatch.setenv("DAEST_CACHE", str(tmp_path / "cache"))
-    assert names()
+    (tmp_path / "Tiny.mo").write_text("package Tiny\n  constant Real rate = 2;\nend Tiny;\n")
+    text = SMALL.replace("-x", "-Tiny.rate*x").encode()
+    assert compile_text(text, Path("Small.mo"), libraries=[tmp_path]).n == 1
 
 
 @pytest.fixture(params=[True, False])

@@ -76,11 +76,11 @@ def compared(n_models: int, n_outputs: int = 1, n_runs: int = 1) -> Comparison:
 @pytest.mark.parametrize(
     ("n_models", "n_outputs", "n_runs"),
     [
-        (1, 1, 1),
-        (2, 1, 3),
+        pytest.param(1, 1, 1, marks=pytest.mark.slow),
+        pytest.param(2, 1, 3, marks=pytest.mark.slow),
         pytest.param(1, 2, 2, marks=pytest.mark.slow),
         pytest.param(4, 1, 1, marks=pytest.mark.slow),
-        pytest.param(2, 1, 1, marks=pytest.mark.slow),
+        (2, 1, 1),
         pytest.param(3, 2, 3, marks=pytest.mark.slow),
         pytest.param(8, 4, 1, marks=pytest.mark.slow),
     ],

@@ -23,7 +23,7 @@ QUICK = [
     ("Orego", 1e-8, 11),
     ("Robertson", 1e-6, 11),
     ("CarAxis", 1e-6, 11),
-    ("SliderCrank", 1e-6, 2001),
+    ("SliderCrank", 1e-6, 401),
 ]
 
 

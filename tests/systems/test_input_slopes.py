@@ -66,7 +66,7 @@ def test_held_ground_moves_the_body_and_leaves_the_rate_untold(cubic):
     assert np.all(np.isfinite(result["s_rel"]))
 
 
-@pytest.mark.parametrize("cubic", [0.0, 5.0])
+@pytest.mark.parametrize("cubic", [pytest.param(0.0, marks=pytest.mark.slow), 5.0])
 def test_hold_is_chosen_where_the_rate_does_not_act(cubic):
     record = recorded(shaken(cubic=cubic), held_ground(), "zoh")
     fit = identify(shaken(cubic=cubic), [record], IdentifyOptions(estimate=("c",)))

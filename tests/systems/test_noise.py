@@ -80,7 +80,7 @@ def test_the_reports_model(star, count, gear_norm):
     assert report.decisions[-1].gap > 1e5
 
 
-@pytest.mark.parametrize(("star", "count"), [(False, 7), (True, 6)])
+@pytest.mark.parametrize(("star", "count"), [(False, 7), pytest.param(True, 6, marks=pytest.mark.slow)])
 def test_a_coarse_tolerance_loses_the_three_of_the_gear(star, count):
     dae = linearize(report_servo(star))
     fine, coarse = noise_report(dae), noise_report(dae, tolerance=0.02)
@@ -90,7 +90,9 @@ def test_a_coarse_tolerance_loses_the_three_of_the_gear(star, count):
     assert all(fine.places[i].projection_norm < 0.02 for i in lost)
 
 
-@pytest.mark.parametrize("make", [report_servo, lambda: report_servo(True), library_servo])
+@pytest.mark.parametrize(
+    "make", [report_servo, pytest.param(lambda: report_servo(True), marks=pytest.mark.slow), library_servo]
+)
 def test_verdicts_agree_with_exact_arithmetic(make):
     dae = linearize(make())
     growth = exact_growth(dae)

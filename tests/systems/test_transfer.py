@@ -22,7 +22,7 @@ def make(*equations, unknowns, outputs, inputs=("u",), **more):
 
 
 @pytest.mark.parametrize("n_draws", [4, pytest.param(15, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("model", [report_servo, library_servo])
+@pytest.mark.parametrize("model", [report_servo, pytest.param(library_servo, marks=pytest.mark.slow)])
 def test_report_equation_10_at_random_parameters(model, n_draws):
     rng = np.random.default_rng(10)
     for _ in range(n_draws):

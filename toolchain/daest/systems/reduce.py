@@ -5,6 +5,7 @@ The functions of an explicit model, from the solved definitions of its variables
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import singledispatch
@@ -69,6 +70,20 @@ def reduce_index(flat: FlatModel, first_order: Collection[str] = ()) -> Explicit
         >>> explicit.state_names
         ('motor.phi', 'motor.w', 'disc.phi', 'disc.w')
     """
+    names = frozenset(first_order)
+    for model, of_first_order, explicit in tuple(_reduced):
+        if model is flat and of_first_order == names:
+            return explicit
+    explicit = _explicit(flat, first_order)
+    _reduced.appendleft((flat, names, explicit))
+    return explicit
+
+
+_reduced: deque[tuple[FlatModel, frozenset[str], ExplicitModel]] = deque(maxlen=8)
+"""What was reduced last: commands ask for the form of the same model from several places."""
+
+
+def _explicit(flat: FlatModel, first_order: Collection[str]) -> ExplicitModel:
     sigma = flat_signature(flat)
     check_structure(sigma, flat.equations, flat.unknowns, flat.name)
     in_source = differentiations(sigma)

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from daest.model.flat import Dynamics, ExplicitModel
+from daest.numerics.evaluator import along
 
 MAGNITUDES = 10.0 ** np.arange(-6, 9)  # of the states, at which the slopes are looked at
 DIRECTIONS = 4  # at each magnitude, both ways
@@ -49,8 +50,8 @@ def sensor_laws(explicit: Dynamics) -> SensorLaws | None:
     n_y, n = h.numel(), explicit.n_states
     looks = _looks(n)
     at_rest = [np.zeros(explicit.outputs.numel_in(i)) for i in (1, 2, 3)]
-    known = explicit.flat.theta_values
-    table = np.array([np.array(slopes(look, *at_rest, known, 0.0)) for look in looks]).reshape(-1, n_y, n)
+    (columns,) = along(slopes, [looks, *at_rest, explicit.flat.theta_values, np.zeros(1)])
+    table = np.ascontiguousarray(columns.reshape(-1, n, n_y).transpose(0, 2, 1))
     found = tuple(_reference(looks, table[:, j]) if is_bent else None for j, is_bent in enumerate(bends))
     return None if all(one is None for one in found) else SensorLaws(found)
 
@@ -75,8 +76,8 @@ def _reference(looks: np.ndarray, slopes: np.ndarray) -> np.ndarray | None:
         return None
     middle = steep[steep.size // 2]
     direction = slopes[middle] / sizes[middle]
-    along = slopes @ direction
-    if np.any(np.linalg.norm(slopes - along[:, None] * direction, axis=1) > SAME_SLOPE * largest):
+    shares = slopes @ direction
+    if np.any(np.linalg.norm(slopes - shares[:, None] * direction, axis=1) > SAME_SLOPE * largest):
         return None
     return looks[middle]
 

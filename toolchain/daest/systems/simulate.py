@@ -18,6 +18,7 @@ from daest.model.experiment import Experiment, Simulation
 from daest.model.flat import Dynamics, ExplicitModel, FlatModel, Model, events_refused
 from daest.model.holds import SMOOTH, Hold, held_inputs, interval_ends, spline_slopes
 from daest.model.linear import DiscreteModel, StateSpace
+from daest.numerics.evaluator import Evaluator
 from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.projection import pull
 from daest.numerics.quiet import native_silence
@@ -472,8 +473,8 @@ def _nonlinear_noisy(
 
 
 def _noisy_interval(
-    slopes: ca.Function,
-    hold: ca.Function | None,
+    slopes: Evaluator,
+    hold: Evaluator | None,
     task: _Task,
     k: int,
     rise: np.ndarray,
@@ -502,30 +503,31 @@ def _noisy_interval(
     return x, total / step
 
 
-def _slope_function(explicit: Dynamics) -> ca.Function:
+def _slope_function(explicit: Dynamics) -> Evaluator:
     """(x, u, v, w, theta, t) -> f, ∂f/∂x, ∂f/∂w."""
     arguments: Any = explicit.rhs.sx_in() if explicit.is_symbolic else explicit.rhs.mx_in()
     f: Any = explicit.rhs(*arguments)
     parts = [f, ca.jacobian(f, arguments[0]), ca.jacobian(f, arguments[3])]
-    return ca.Function("slopes", arguments, [ca.densify(part) for part in parts])
+    return Evaluator(ca.Function("slopes", arguments, [ca.densify(part) for part in parts]))
 
 
-def _hold_function(explicit: Dynamics) -> ca.Function | None:
+def _hold_function(explicit: Dynamics) -> Evaluator | None:
     """(x, u, v, w, theta, t) -> g, ∂g/∂x; None where the states are free."""
     if explicit.invariants is None:
         return None
     arguments = explicit.invariants.sx_in()
     g = explicit.invariants(*arguments)
-    return ca.Function("hold", arguments, [ca.densify(g), ca.densify(ca.jacobian(g, arguments[0]))])
+    slopes = ca.jacobian(g, arguments[0])
+    return Evaluator(ca.Function("hold", arguments, [ca.densify(g), ca.densify(slopes)]))
 
 
-def _on_constraints(hold: ca.Function | None, explicit: Dynamics, x: np.ndarray, at: tuple) -> np.ndarray:
+def _on_constraints(hold: Evaluator | None, explicit: Dynamics, x: np.ndarray, at: tuple) -> np.ndarray:
     """The state with (u, v, w, theta, t) = `at` on the constraints that tie its components."""
     if hold is None or not np.all(np.isfinite(x)):
         return x
 
     def invariants(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        g, R = (part.full() for part in hold(state, *at))
+        g, R = hold(state, *at)
         return g.ravel(), R
 
     try:
@@ -542,7 +544,7 @@ def _state_scale(explicit: Dynamics) -> np.ndarray:
 
 def _local_step(
     explicit: Dynamics,
-    slopes: ca.Function,
+    slopes: Evaluator,
     x: np.ndarray,
     at: tuple,
     h: float,
@@ -551,7 +553,7 @@ def _local_step(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The state after h and the integral of w over h (zero when `intensity` is None)."""
     try:
-        f, A, G = (part.full() for part in slopes(x, *at))
+        f, A, G = slopes(x, *at)
     except RuntimeError as error:
         raise _failed(
             explicit, float(at[-1]), "a nonlinear equation inside the model has no solution"
