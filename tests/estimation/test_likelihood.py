@@ -239,12 +239,17 @@ def test_dropped_rows_are_predicted_exactly_on_the_grid():
     assert values[0] == pytest.approx(values[1], rel=1e-9)
 
 
-def test_interpolated_steps_are_sampled_exactly():
+@pytest.mark.parametrize(
+    ("low", "high", "more", "most_nodes"),
+    [(0.004, 0.07, (), 100), (0.0398, 0.0402, (), 6), (0.0398, 0.0402, (0.05, 0.077), 8)],
+)
+def test_interpolated_steps_are_sampled_exactly(low, high, more, most_nodes):
     rng = np.random.default_rng(2)
     family = hand.servo(TRUE)
     A = state_space(family, theta_of(family, TRUE)).A
-    steps = rng.uniform(0.004, 0.07, 300)
+    steps = np.concatenate([more, rng.uniform(low, high, 300)])
     nodes, weights = _interpolation(steps)
+    assert len(nodes) <= most_nodes
     transitions = np.tensordot(weights, [transition_integrals(A, h).transition for h in nodes], 1)
     for h, Phi in zip(steps[:40], transitions, strict=False):
         assert np.allclose(Phi, transition_integrals(A, h).transition, rtol=1e-10, atol=1e-11)

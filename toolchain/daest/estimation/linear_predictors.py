@@ -15,6 +15,7 @@ maximises the likelihood at every point of the search and is eliminated exactly,
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -44,8 +45,11 @@ from daest.systems.state_space import (
     state_space_derivatives,
 )
 
-MAX_DISTINCT_STEPS = 24  # up to this many different steps are sampled one by one; more are interpolated
-CHEBYSHEV_NODES = 20  # per octave of step lengths; e^(A h) is smooth in h, so the error is at rounding level
+CHEBYSHEV_NODES = 20  # for an octave of step lengths; e^(A h) is smooth in h: the error is at rounding level
+OCTAVE_REACH = (
+    2.1  # |A| h / 4 up to which that holds: x^20 / 20! is 1e-12, as it is for fewer nodes over less
+)
+LAST_TERM = -27.6  # its logarithm
 
 
 @dataclass(frozen=True)
@@ -111,14 +115,7 @@ def recursion(
     of a matrix (n, m) is (p, n, m)."""
     if record.period is not None or record.n_samples < 2:
         return _one_step(ss, record.period or 1.0, hold, noise, derivatives)
-    steps = np.diff(record.time)
-    rounded = np.rint(steps / (FIT.equal_periods * np.mean(steps))).astype(np.int64)
-    _, first, which = np.unique(rounded, return_index=True, return_inverse=True)
-    if first.size <= MAX_DISTINCT_STEPS:
-        weights = np.eye(first.size)[which]
-        nodes = steps[first]
-    else:
-        nodes, weights = _interpolation(steps)
+    nodes, weights = _interpolation(np.diff(record.time))
     return _combined([_one_step(ss, float(h), hold, noise, derivatives) for h in nodes], weights)
 
 
@@ -276,28 +273,55 @@ def _combined(parts: list[Recursion], weights: np.ndarray) -> Recursion:
 
 
 def _interpolation(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Chebyshev nodes of every octave of step lengths that occurs, and barycentric weights (n_steps,
-    n_nodes).
-    """
-    shortest = float(np.min(steps))
-    octave = np.floor(np.log2(steps / shortest) + 1e-12).astype(int)
-    angles = np.pi * (2 * np.arange(CHEBYSHEV_NODES) + 1) / (2 * CHEBYSHEV_NODES)
-    signs = (-1.0) ** np.arange(CHEBYSHEV_NODES) * np.sin(angles)
-    nodes, blocks = [], np.zeros((steps.size, 0))
-    for number in np.unique(octave):
-        low = shortest * 2.0**number
-        points = low * (1.5 + 0.5 * np.cos(angles))
-        rows = octave == number
-        distance = steps[rows, None] - points
-        exact = distance == 0.0
-        raw = signs / np.where(exact, 1.0, distance)
-        raw[np.any(exact, axis=1)] = 0.0
-        raw[exact] = 1.0
-        block = np.zeros((steps.size, CHEBYSHEV_NODES))
-        block[rows] = raw / raw.sum(axis=1, keepdims=True)
-        nodes.append(points)
-        blocks = np.hstack([blocks, block])
-    return np.concatenate(nodes), blocks
+    """Step lengths (n_nodes,) to sample at, and weights (n_steps, n_nodes) of them in every one of the
+    `steps`: e^(A h) is smooth in h, so that a few Chebyshev nodes do for many steps that are nearly equal."""
+    rounded = np.rint(steps / (FIT.equal_periods * np.mean(steps))).astype(np.int64)
+    _, first, which = np.unique(rounded, return_index=True, return_inverse=True)
+    distinct = steps[first]
+    octaves = np.floor(np.log2(distinct / distinct[0]) + 1e-12).astype(int)
+    groups = [part for octave in np.unique(octaves) for part in _groups(distinct[octaves == octave])]
+    found = [_group_weights(group) for group in groups]
+    nodes = np.concatenate([one for one, _ in found])
+    weights = np.zeros((distinct.size, nodes.size))
+    row = column = 0
+    for group, (own, block) in zip(groups, found, strict=True):
+        weights[row : row + group.size, column : column + own.size] = block
+        row, column = row + group.size, column + own.size
+    return nodes, weights[which]
+
+
+def _groups(distinct: np.ndarray) -> list[np.ndarray]:
+    """Ascending step lengths within an octave, parted at the widest gaps as long as that saves nodes."""
+    if distinct.size < 2:
+        return [distinct]
+    cut = int(np.argmax(np.diff(distinct))) + 1
+    parts = distinct[:cut], distinct[cut:]
+    if sum(map(_n_nodes, parts)) < _n_nodes(distinct):
+        return [one for part in parts for one in _groups(part)]
+    return [distinct]
+
+
+def _n_nodes(distinct: np.ndarray) -> int:
+    """How many nodes do for ascending step lengths within an octave: at most as many as there are."""
+    reach = float(np.log(OCTAVE_REACH * max(distinct[-1] / distinct[0] - 1.0, np.finfo(float).tiny)))
+    enough = (n for n in range(1, CHEBYSHEV_NODES) if n * reach - math.lgamma(n + 1) < LAST_TERM)
+    return min(distinct.size, next(enough, CHEBYSHEV_NODES))
+
+
+def _group_weights(distinct: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (n,) of a group and barycentric weights (n_distinct, n)."""
+    n = _n_nodes(distinct)
+    if n == distinct.size:
+        return distinct, np.eye(n)
+    angles = np.pi * (2 * np.arange(n) + 1) / (2 * n)
+    middle, half = (distinct[0] + distinct[-1]) / 2.0, (distinct[-1] - distinct[0]) / 2.0
+    points = middle + half * np.cos(angles)
+    distance = distinct[:, None] - points
+    exact = distance == 0.0
+    raw = (-1.0) ** np.arange(n) * np.sin(angles) / np.where(exact, 1.0, distance)
+    raw[np.any(exact, axis=1)] = 0.0
+    raw[exact] = 1.0
+    return points, raw / raw.sum(axis=1, keepdims=True)
 
 
 def _noise_slope(dyn: Recursion) -> NoiseModel | None:
