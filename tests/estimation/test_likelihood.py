@@ -25,13 +25,13 @@ from daest.estimation.linear_predictors import (
     recursion,
     simulate,
 )
-from daest.estimation.records import make_record
+from daest.estimation.records import Record, make_record
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
 from daest.model.parts import Parameter
 from daest.numerics.exponential import transition_integrals
 from daest.numerics.riccati import NoiseModel, filter_riccati, stationary_gains
-from daest.systems.state_space import sample, state_space
+from daest.systems.state_space import sample, state_space, state_space_derivatives
 
 TRUE = {"d": 0.0226, "c": 1.4367, "J1": 6.838e-6, "J2": 0.02054, "R": 4.316, "k": 0.0675, "n": 30.0}
 START = {**TRUE, **hand.RIG_START}
@@ -237,6 +237,34 @@ def test_dropped_rows_are_predicted_exactly_on_the_grid():
     )
     values = [objective_of(p)(z, False).value for p in (on_grid, same)]
     assert values[0] == pytest.approx(values[1], rel=1e-9)
+
+
+@pytest.mark.parametrize("hold", ["foh", "zoh"])
+def test_uneven_steps_at_once_are_those_sampled_one_by_one(hold, monkeypatch):
+    rng = np.random.default_rng(4)
+    family = hand.servo(TRUE)
+    theta = theta_of(family, TRUE)
+    ss = state_space(family, theta)
+    slopes = state_space_derivatives(family, theta, ("c", "J2"))
+    time = np.cumsum(np.concatenate([[0.0], rng.uniform(0.02, 0.03, 30), [0.1, 0.11]]) * 0.1)
+    record = Record(
+        "uneven",
+        time,
+        np.zeros((33, 1)),
+        np.zeros((33, 2)),
+        np.ones((33, 2), dtype=bool),
+        None,
+        np.arange(33),
+    )
+    at_once = recursion(ss, record, hold, None, slopes)
+    monkeypatch.setattr("daest.estimation.linear_predictors.sample_steps", lambda *_: None)
+    one_by_one = recursion(ss, record, hold, None, slopes)
+    for name in ("Phi", "now", "following", "drift", "Q", "S12"):
+        assert np.allclose(getattr(at_once, name), getattr(one_by_one, name), rtol=1e-10, atol=1e-13)
+    for name in ("transition", "input_now", "input_next", "drift", "process_cov", "cross_cov"):
+        found, known = getattr(at_once.slope, name), getattr(one_by_one.slope, name)
+        assert found.shape == known.shape
+        assert np.allclose(found, known, rtol=1e-9, atol=1e-12 * np.max(np.abs(known), initial=1.0))
 
 
 @pytest.mark.parametrize(

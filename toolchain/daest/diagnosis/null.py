@@ -22,7 +22,7 @@ from daest.model.effects import Site
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import ExplicitModel, FlatModel
-from daest.model.holds import FOH, HOLDS, ZOH, Hold, held_inputs
+from daest.model.holds import FOH, HOLDS, SMOOTH, ZOH, Hold, held_inputs
 from daest.model.parts import Parameter, Prior
 from daest.systems.input_slopes import acting_slopes
 from daest.systems.linearize import has_affine_dynamics
@@ -133,6 +133,8 @@ def fit_null(
         return fits[one].log_likelihood
 
     best, *others = ranked_holds(names if len(asked) > 1 else (), likelihood, asked)
+    # Straight lines and smooth curves hardly differ: held inputs are the other answer to either of them.
+    others = [hold for hold in others if {best, hold} != {FOH, SMOOTH}]
     null = _at_estimate(loaded, fits[best], places, as_recorded(experiments, held, best))
     null = replace(null, recorded_hold=best, slowest=slowest)
     if not others:

@@ -16,7 +16,7 @@ maximises the likelihood at every point of the search and is eliminated exactly,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -41,14 +41,13 @@ from daest.systems.state_space import (
     SampledDerivatives,
     sample,
     sample_derivatives,
+    sample_steps,
     state_space,
     state_space_derivatives,
 )
 
 CHEBYSHEV_NODES = 20  # for an octave of step lengths; e^(A h) is smooth in h: the error is at rounding level
-OCTAVE_REACH = (
-    2.1  # |A| h / 4 up to which that holds: x^20 / 20! is 1e-12, as it is for fewer nodes over less
-)
+OCTAVE_REACH = 2.1  # |A| h / 4 up to which that holds: x^20 / 20! is 1e-12, as it is for fewer over less
 LAST_TERM = -27.6  # its logarithm
 
 
@@ -115,7 +114,11 @@ def recursion(
     of a matrix (n, m) is (p, n, m)."""
     if record.period is not None or record.n_samples < 2:
         return _one_step(ss, record.period or 1.0, hold, noise, derivatives)
-    nodes, weights = _interpolation(np.diff(record.time))
+    steps = np.diff(record.time)
+    found = _at_once(ss, steps, hold, derivatives) if noise is None else None
+    if found is not None:
+        return found
+    nodes, weights = _interpolation(steps)
     return _combined([_one_step(ss, float(h), hold, noise, derivatives) for h in nodes], weights)
 
 
@@ -275,19 +278,65 @@ def _combined(parts: list[Recursion], weights: np.ndarray) -> Recursion:
 def _interpolation(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Step lengths (n_nodes,) to sample at, and weights (n_steps, n_nodes) of them in every one of the
     `steps`: e^(A h) is smooth in h, so that a few Chebyshev nodes do for many steps that are nearly equal."""
-    rounded = np.rint(steps / (FIT.equal_periods * np.mean(steps))).astype(np.int64)
-    _, first, which = np.unique(rounded, return_index=True, return_inverse=True)
-    distinct = steps[first]
-    octaves = np.floor(np.log2(distinct / distinct[0]) + 1e-12).astype(int)
-    groups = [part for octave in np.unique(octaves) for part in _groups(distinct[octaves == octave])]
+    octaves, which = _octaves(steps)
+    groups = [part for octave in octaves for part in _groups(octave)]
     found = [_group_weights(group) for group in groups]
     nodes = np.concatenate([one for one, _ in found])
-    weights = np.zeros((distinct.size, nodes.size))
+    weights = np.zeros((sum(group.size for group in groups), nodes.size))
     row = column = 0
     for group, (own, block) in zip(groups, found, strict=True):
         weights[row : row + group.size, column : column + own.size] = block
         row, column = row + group.size, column + own.size
     return nodes, weights[which]
+
+
+def _octaves(steps: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    """The different step lengths, ascending, by octave; and which of them each of the `steps` is."""
+    rounded = np.rint(steps / (FIT.equal_periods * np.mean(steps))).astype(np.int64)
+    _, first, which = np.unique(rounded, return_index=True, return_inverse=True)
+    distinct = steps[first]
+    octaves = np.floor(np.log2(distinct / distinct[0]) + 1e-12).astype(int)
+    return [distinct[octaves == octave] for octave in np.unique(octaves)], which
+
+
+def _at_once(
+    ss: StateSpace, steps: np.ndarray, hold: Hold, derivatives: dict[str, np.ndarray] | None
+) -> Recursion | None:
+    """The recursion without noise over uneven steps, from series about one step of every octave; None where
+    those do not do."""
+    octaves, which = _octaves(steps)
+    parts = [sample_steps(ss, octave, hold, derivatives) for octave in octaves]
+    known = [part for part in parts if part is not None]
+    if len(known) < len(parts):
+        return None
+    one = _one_step(ss, float(steps[0]), hold, None, derivatives)
+    fields_now = ("transition", "input_now", "input_next", "drift")
+    Phi, now, following, drift = (
+        np.concatenate([getattr(part, name) for part in known])[which] for name in fields_now
+    )
+    slope = one.slope
+    if slope is not None:
+        made = [part.slopes for part in known if part.slopes is not None]
+        changes = {
+            name: np.concatenate([part[i] for part in made], axis=1)[:, which]
+            for i, name in enumerate(fields_now)
+        }
+        n_steps = steps.size
+        for name in ("process_cov", "cross_cov"):
+            still = getattr(slope, name)
+            changes[name] = np.broadcast_to(still[:, None], (still.shape[0], n_steps, *still.shape[1:]))
+        slope = _with(slope, **changes)
+    return replace(
+        one,
+        Phi=Phi,
+        now=now,
+        following=following,
+        drift=drift,
+        Q=np.broadcast_to(one.Q, (steps.size, *one.Q.shape)),
+        S12=np.broadcast_to(one.S12, (steps.size, *one.S12.shape)),
+        is_constant=False,
+        slope=slope,
+    )
 
 
 def _groups(distinct: np.ndarray) -> list[np.ndarray]:

@@ -20,6 +20,9 @@ from scipy.linalg.lapack import dpstrf
 SHORT_STEP_NORM = 0.5  # ‖A h‖₁ up to which Van Loan's block is evaluated directly, before doubling
 LARGE = 100  # states from which on series and doublings of the parts replace exponentials of block matrices
 TERMS = 16  # of the series at ‖A h‖₁ = SHORT_STEP_NORM: the next is 1e-19
+LONGEST_REACH = 2.0  # |A| times what a period differs by, up to which a series takes it from one to the other
+MOST_TERMS = 32  # of that series
+LAST_TERM = -39.0  # logarithm of the first term that is left out
 NODES = 10  # of the Gauss quadrature of the covariance over a short step, exact to degree 19
 FEW = 4  # a covariance of a rank below this part of its size is integrated by its factor
 NEGLIGIBLE = 1e-17  # part of the largest singular value of a factor up to which others are left out
@@ -69,6 +72,79 @@ def transition_integral_derivatives(
     direction[:, :n, :n] = dA * size / size[:, None] * period
     change = _frechet(_augmented(scaled * period, count), direction)
     return _in_units(_unpack(change, n, period, count), size)
+
+
+@dataclass(frozen=True)
+class Beside:
+    """e^(A T) for many periods T near one: e^(M (1 + δ)) = e^M e^(M δ) with the block M of `_augmented`, and
+    the series of the second factor is short."""
+
+    A: np.ndarray  # (n, n), balanced, times the middle period
+    size: np.ndarray  # (n,) of the states
+    period: float  # the middle one [s]
+    relative: np.ndarray  # (k,) periods by the middle one
+    count: int  # of integrals
+
+    def integrals(self) -> TransitionIntegrals:
+        """As `transition_integrals`, every field (k, n, n)."""
+        n, block = self.A.shape[0], _augmented(self.A, self.count)
+        factors = self._powers() @ _terms(block, self._n_terms()).reshape(self._n_terms(), -1)
+        top = expm(block)[:n] @ factors.reshape(-1, *block.shape)
+        return self._unpacked(top)
+
+    def derivatives(self, dA: np.ndarray) -> TransitionIntegrals:
+        """As `transition_integral_derivatives` for dA (p, n, n), every field (k, p, n, n)."""
+        n, block = self.A.shape[0], _augmented(self.A, self.count)
+        K, m, p = self._n_terms(), block.shape[0], dA.shape[0]
+        direction = np.zeros((p, m, m))
+        direction[:, :n, :n] = dA * self.size / self.size[:, None] * self.period
+        terms, changes = _terms(block, K), [np.zeros((p, m, m))]
+        for j in range(1, K):
+            changes.append((changes[-1] @ block + terms[j - 1] @ direction) / j)
+        powers = self._powers()
+        factor = (powers @ terms.reshape(K, -1)).reshape(-1, 1, m, m)
+        change = (powers @ np.array(changes).reshape(K, -1)).reshape(-1, p, m, m)
+        return self._unpacked(_frechet(block, direction)[:, :n] @ factor + expm(block)[:n] @ change)
+
+    def _powers(self) -> np.ndarray:
+        return np.asarray((self.relative - 1.0)[:, None] ** np.arange(self._n_terms()))
+
+    def _n_terms(self) -> int:
+        reach = max(_reach(self.A, self.relative), 1e-12)
+        last = (j for j in range(2, MOST_TERMS) if j * math.log(reach) - math.lgamma(j + 1) < LAST_TERM)
+        return next(last, MOST_TERMS)
+
+    def _unpacked(self, top: np.ndarray) -> TransitionIntegrals:
+        """Of rows of blocks (k, ..., n, m) in units of the middle period."""
+        n = self.A.shape[0]
+        s = self.relative.reshape(-1, *(1,) * (top.ndim - 1))
+        parts = [top[..., p * n : (p + 1) * n] for p in range(self.count + 1)]
+        scaled = (self.period * math.factorial(p) * part / s**p for p, part in enumerate(parts[1:]))
+        return _in_units([parts[0], *scaled], self.size)
+
+
+def beside(A: np.ndarray, periods: np.ndarray, count: int = STRAIGHT) -> Beside | None:
+    """For A (n, n) [1/s] and `periods` (k,) [s] within an octave; None where A moves too fast for a short
+    series, is large or is not finite."""
+    if not np.all(np.isfinite(A)) or A.shape[0] >= LARGE:
+        return None
+    scaled, size = balanced(A)
+    period = float(np.min(periods) + np.max(periods)) / 2.0
+    found = Beside(scaled * period, size, period, periods / period, count)
+    return found if _reach(found.A, found.relative) <= LONGEST_REACH else None
+
+
+def _reach(A: np.ndarray, relative: np.ndarray) -> float:
+    rate = max(float(np.linalg.norm(A, 1)) if A.size else 0.0, 1.0)
+    return rate * float(np.max(np.abs(relative - 1.0), initial=0.0))
+
+
+def _terms(block: np.ndarray, number: int) -> np.ndarray:
+    """M^j / j! of the series, (number, m, m)."""
+    terms = [np.eye(block.shape[0])]
+    for j in range(1, number):
+        terms.append(terms[-1] @ block / j)
+    return np.array(terms)
 
 
 def _packed(parts: Sequence[np.ndarray]) -> TransitionIntegrals:

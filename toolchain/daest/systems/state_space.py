@@ -26,6 +26,7 @@ from daest.numerics.exponential import (
     CUBIC,
     STRAIGHT,
     TransitionIntegrals,
+    beside,
     covariance_integral,
     covariance_integral_derivatives,
     transition_integral_derivatives,
@@ -165,6 +166,48 @@ def sample_derivatives(
     )
 
 
+@dataclass(frozen=True)
+class SampledSteps:
+    """A model without noise, sampled with k periods: fields as those of DiscreteModel with an axis of k, and
+    their derivatives in p directions with axes of p and k."""
+
+    transition: np.ndarray
+    input_now: np.ndarray
+    input_next: np.ndarray
+    drift: np.ndarray
+    slopes: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None
+
+
+def sample_steps(
+    ss: StateSpace, periods: np.ndarray, hold: Hold, derivatives: dict[str, np.ndarray] | None
+) -> SampledSteps | None:
+    """`sample` and `sample_derivatives` without noise for all `periods` (k,) [s] at once, which lie within an
+    octave; None where they must be sampled one by one."""
+    made = None if hold == SMOOTH else beside(ss.A, periods, integral_count(hold))
+    if made is None:
+        return None
+    _check_input_derivatives(ss, hold)
+    integrals, T = made.integrals(), periods[:, None]
+    now, following = _input_matrices(ss.B, integrals, ss, T, hold)
+    slopes = None
+    if derivatives is not None:
+        change, held = made.derivatives(derivatives["A"]), _with_directions(integrals)
+        by_A = _input_matrices(ss.B, change, ss, T[:, None], hold)
+        by_B = _input_matrices(derivatives["B"], held, ss, T[:, None], hold)
+        drift = change.first @ ss.b + (held.first @ derivatives["b"][..., None])[..., 0]
+        parts = (change.transition, by_A[0] + by_B[0], by_A[1] + by_B[1], drift)
+        first, second, third, last = (np.swapaxes(part, 0, 1) for part in parts)
+        slopes = first, second, third, last
+    return SampledSteps(integrals.transition, now, following, integrals.first @ ss.b, slopes)
+
+
+def _with_directions(integrals: TransitionIntegrals) -> TransitionIntegrals:
+    """With an axis for directions behind that of the periods."""
+    parts = (integrals.transition, integrals.first, integrals.second)
+    transition, first, second = (part[:, None] for part in parts)
+    return TransitionIntegrals(transition, first, second)
+
+
 def stacked_inputs(
     inputs: np.ndarray,
     time: np.ndarray,
@@ -191,10 +234,12 @@ def integral_count(hold: Hold) -> int:
 
 
 def _input_matrices(
-    B: np.ndarray, integrals: TransitionIntegrals, ss: StateSpace, period: float, hold: Hold
+    B: np.ndarray, integrals: TransitionIntegrals, ss: StateSpace, period: float | np.ndarray, hold: Hold
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Γ0 and Γ1 for B (..., n, n_ū); linear in B and in `integrals`, so it serves derivatives as well."""
+    """Γ0 and Γ1 for B (..., n, n_ū); linear in B and in `integrals`, so it serves derivatives as well. Many
+    periods have axes for those of the integrals but the last."""
     if hold == SMOOTH:
+        assert isinstance(period, float)
         return _smooth_matrices(B, integrals, ss, period)
     whole = integrals.first @ B
     if hold == ZOH:
