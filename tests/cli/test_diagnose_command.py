@@ -58,6 +58,7 @@ def test_hidden_friction_is_found_and_written(cart, daest):
     assert {"p_value", "not_separable_from", "fit_percent", "model"} <= set(best)
     assert found["places"][0]["group"][0] == "cart.flange_a"
     assert "half of every recording" in err and "refitting with CoulombFriction" in err
+    assert "no parameter is estimated" not in err
     kept = json.loads((cart / "results" / "diagnosis.json").read_text())
     assert kept.pop("made_from")["files"][0]["path"] == "Cart.mo"
     assert kept == found
@@ -199,6 +200,12 @@ def test_kept_refits_belong_to_their_data_and_damage_is_mended(cart, daest):
 
 
 @pytest.mark.slow  # the name that is free: tests/effects/test_extend.py
+def test_a_model_without_unknowns_is_told(cart, daest):
+    (cart / "Cart.mo").write_text(CART.replace("estimate = true", "estimate = false"))
+    _, err = diagnosis(daest, "rub.csv", *COULOMB)
+    assert "no parameter is estimated" in err
+
+
 def test_component_of_the_same_name(cart, daest):
     text = CART.replace("Fixed wall", "Fixed coulombFriction").replace(
         "wall.flange", "coulombFriction.flange"

@@ -63,6 +63,10 @@ MOST_AS_RECORDED = 50_000
 AS_RECORDED = (
     "errors that stay correlated in time may come from the coarser period: diagnosed at the recordings' own"
 )
+NONE_ESTIMATED = (
+    "no parameter is estimated, so that a value of the model that is off looks like a missing effect: name "
+    "the unknown ones by --estimate"
+)
 
 search_options = gathered(
     "search",
@@ -205,6 +209,8 @@ def opened(
         options = replace(_options(flat, folders, search, drive.hold, fit), clipped=clipped, held=drive.held)
         straight = _straight(flat, drive.hold) if drive.held is None else ()
         remarks = (*(() if fit is None else fit.remarks), *drive.remarks, *straight)
+        if fit is None and flat.parameters and not any(p.estimate for p in flat.parameters):
+            note(NONE_ESTIMATED)
         binary = b""
     else:
         names, hold = _named_effects(search, folders), data_choice.known_hold(project, flat)
