@@ -12,7 +12,7 @@ from daest.diagnosis import verdict as verdict_module
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.coloured import Residual
 from daest.diagnosis.holds import says_as_much
-from daest.diagnosis.verdict import Evidence, Loads, decide
+from daest.diagnosis.verdict import RECORDED, Evidence, Loads, decide
 from daest.model.diagnosis import Ahead, FreeForm, Load, PlaceGain, Proof, Screen, Screened, Unproved
 from daest.model.fit import Agreement, FittedParameter
 from daest.modelica.sites import sites
@@ -30,8 +30,8 @@ def fit(simulated=1.0, one_step=0.5, parameters=()):
     return replace(
         rubbing().baseline,
         parameters=tuple(parameters),
-        simulated={"validation": Agreement({"phi": 90.0}, {"phi": simulated})},
-        one_step={"validation": Agreement({"phi": 99.0}, {"phi": one_step})},
+        simulated=dict.fromkeys(RECORDED, Agreement({"phi": 90.0}, {"phi": simulated})),
+        one_step=dict.fromkeys(RECORDED, Agreement({"phi": 99.0}, {"phi": one_step})),
     )
 
 
@@ -151,6 +151,14 @@ def test_simulation_down_to_the_noise_is_nothing_missing_whatever_the_load():
     found = decide(evidence(simulated=0.5, related=True))
     assert found.name == "nothing missing"
     assert "CoulombFriction at rotor.flange_a from tau_c = 0.02 N.m" in found.message
+
+
+def test_unseen_data_that_show_less_than_those_of_the_fit_are_no_proof_of_silence():
+    known = evidence(simulated=0.5, related=True)
+    agreements = {**known.baseline.simulated, "estimation": Agreement({"phi": 90.0}, {"phi": 3.0})}
+    assert decide(replace(known, baseline=replace(known.baseline, simulated=agreements))).name != (
+        "nothing missing"
+    )
 
 
 def test_weak_search_and_small_load_are_nothing_missing():

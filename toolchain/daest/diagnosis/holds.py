@@ -14,7 +14,7 @@ from daest.diagnosis.stand import Stand
 from daest.errors import DaestError
 from daest.model.diagnosis import Diagnosis, Proof
 from daest.model.flat import with_equations
-from daest.model.holds import Hold, hold_text
+from daest.model.holds import FOH, SMOOTH, Hold, hold_text
 from daest.systems.reduce import reduce_index
 
 AGAIN = "with the effect, {} after all: once more"
@@ -76,7 +76,10 @@ def better_hold(stand: Stand, proofs: Sequence[Proof]) -> Hold | None:
 
 def unsettled_hold(stand: Stand, found: Diagnosis) -> Hold | None:
     """The other hold, where something is missing, no candidate was accepted, and the data have not clearly
-    refused it: with the wrong hold half a sample of delay is left, and the right law is refused for that."""
+    refused it: with the wrong hold half a sample of delay is left, and the right law is refused for that. Not
+    so between straight lines and smooth curves."""
+    if {stand.null.hold, stand.null.other_hold} == {FOH, SMOOTH}:
+        return None
     if best_accepted(found.proofs) is not None or found.verdict in ("nothing missing", "parameters off"):
         return None
     return open_hold(stand.null)

@@ -134,7 +134,7 @@ def fit_null(
 
     best, *others = ranked_holds(names if len(asked) > 1 else (), likelihood, asked)
     # Straight lines and smooth curves hardly differ: held inputs are the other answer to either of them.
-    others = [hold for hold in others if {best, hold} != {FOH, SMOOTH}]
+    others = [hold for hold in others if {best, hold} != {FOH, SMOOTH}] or others
     null = _at_estimate(loaded, fits[best], places, as_recorded(experiments, held, best))
     null = replace(null, recorded_hold=best, slowest=slowest)
     if not others:

@@ -242,10 +242,10 @@ def _of_starts(evidence: Evidence, starts: Sequence[LoadStart]) -> Decided:
         )
     labels = tuple(p.candidate.label for p in instead)
     would = "; ".join(f"{p.candidate.label}: {told_values(p)}" for p in instead)
+    alike = "a load that begins with the recording does the same"
+    others = {p.candidate.label: tuple(n for n in labels if n != p.candidate.label) for p in instead}
     proofs = tuple(
-        replace(
-            p, verdict="not separable", not_separable_from=tuple(n for n in labels if n != p.candidate.label)
-        )
+        replace(p, verdict="not separable", reason=alike, not_separable_from=others[p.candidate.label])
         if p in instead
         else p
         for p in evidence.proofs
