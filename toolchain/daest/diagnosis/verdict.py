@@ -246,7 +246,7 @@ def _of_starts(evidence: Evidence, starts: Sequence[LoadStart]) -> Decided:
     others = {p.candidate.label: tuple(n for n in labels if n != p.candidate.label) for p in instead}
     proofs = tuple(
         replace(p, verdict="not separable", reason=alike, not_separable_from=others[p.candidate.label])
-        if p in instead
+        if p.candidate.label in others
         else p
         for p in evidence.proofs
     )
