@@ -289,23 +289,14 @@ class Predictor(Protocol[Predicted]):
         """The objective with what ties initial states (`estimation.ties`); itself where they are free."""
 
 
-@dataclass(frozen=True)
-class _Known:
-    """The last evaluation with slopes, that of a `predictor` at z: what checks a start asks for it before the
-    search does."""
-
-    predictor: object
-    z: np.ndarray
-    evaluation: Evaluation
-
-
-_known: deque[_Known] = deque(maxlen=1)
+_last: deque[tuple[object, np.ndarray, Evaluation]] = deque(maxlen=1)
+"""The last evaluation with slopes, of a predictor at z: the check of a start asks for it before a search."""
 
 
 def _known_at(predictor: object, z: np.ndarray) -> Evaluation | None:
-    for one in tuple(_known):
-        if one.predictor is predictor and np.array_equal(one.z, z):
-            return one.evaluation
+    for of, at, evaluation in tuple(_last):
+        if of is predictor and np.array_equal(at, z):
+            return evaluation
     return None
 
 
@@ -327,7 +318,7 @@ def objective(predictor: Predictor[Predicted]) -> Objective:
         if not (np.all(np.isfinite(gradient)) and np.all(np.isfinite(information))):
             return None
         made = Evaluation(found.negative_log_likelihood, gradient, information)
-        _known.append(_Known(predictor, z.copy(), made))
+        _last.append((predictor, z.copy(), made))
         return made
 
     return with_priors(predictor.tied(evaluate), predictor.unknowns)

@@ -16,7 +16,7 @@ maximises the likelihood at every point of the search and is eliminated exactly,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -309,31 +309,30 @@ def _at_once(
     known = [part for part in parts if part is not None]
     if len(known) < len(parts):
         return None
-    one = _one_step(ss, float(steps[0]), hold, None, derivatives)
-    fields_now = ("transition", "input_now", "input_next", "drift")
     Phi, now, following, drift = (
-        np.concatenate([getattr(part, name) for part in known])[which] for name in fields_now
+        np.concatenate([getattr(part, name) for part in known])[which]
+        for name in ("transition", "input_now", "input_next", "drift")
     )
-    slope = one.slope
-    if slope is not None:
-        made = [part.slopes for part in known if part.slopes is not None]
+    slopes = [part.slopes for part in known if part.slopes is not None]
+    slope = None
+    if slopes:
         changes = {
-            name: np.concatenate([part[i] for part in made], axis=1)[:, which]
-            for i, name in enumerate(fields_now)
+            name: np.concatenate([getattr(one, name) for one in slopes], axis=1)[:, which]
+            for name in DYNAMIC_SLOPES
         }
-        n_steps = steps.size
-        for name in ("process_cov", "cross_cov"):
-            still = getattr(slope, name)
-            changes[name] = np.broadcast_to(still[:, None], (still.shape[0], n_steps, *still.shape[1:]))
-        slope = _with(slope, **changes)
-    return replace(
-        one,
+        slope = _with(slopes[0], **changes)
+    n_y, n = ss.C.shape
+    return Recursion(
         Phi=Phi,
         now=now,
         following=following,
         drift=drift,
-        Q=np.broadcast_to(one.Q, (steps.size, *one.Q.shape)),
-        S12=np.broadcast_to(one.S12, (steps.size, *one.S12.shape)),
+        C=ss.C,
+        D=ss.D,
+        d=ss.d,
+        Q=np.zeros((steps.size, n, n)),
+        R=np.zeros((n_y, n_y)),
+        S12=np.zeros((steps.size, n, n_y)),
         is_constant=False,
         slope=slope,
     )

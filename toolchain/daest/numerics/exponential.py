@@ -11,6 +11,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -87,32 +88,48 @@ class Beside:
 
     def integrals(self) -> TransitionIntegrals:
         """As `transition_integrals`, every field (k, n, n)."""
-        n, block = self.A.shape[0], _augmented(self.A, self.count)
-        factors = self._powers() @ _terms(block, self._n_terms()).reshape(self._n_terms(), -1)
-        top = expm(block)[:n] @ factors.reshape(-1, *block.shape)
-        return self._unpacked(top)
+        return self._unpacked(self._whole @ self._factors)
 
     def derivatives(self, dA: np.ndarray) -> TransitionIntegrals:
         """As `transition_integral_derivatives` for dA (p, n, n), every field (k, p, n, n)."""
-        n, block = self.A.shape[0], _augmented(self.A, self.count)
-        K, m, p = self._n_terms(), block.shape[0], dA.shape[0]
+        n, m, p = self.A.shape[0], self._block.shape[0], dA.shape[0]
         direction = np.zeros((p, m, m))
         direction[:, :n, :n] = dA * self.size / self.size[:, None] * self.period
-        terms, changes = _terms(block, K), [np.zeros((p, m, m))]
-        for j in range(1, K):
-            changes.append((changes[-1] @ block + terms[j - 1] @ direction) / j)
-        powers = self._powers()
-        factor = (powers @ terms.reshape(K, -1)).reshape(-1, 1, m, m)
-        change = (powers @ np.array(changes).reshape(K, -1)).reshape(-1, p, m, m)
-        return self._unpacked(_frechet(block, direction)[:, :n] @ factor + expm(block)[:n] @ change)
+        changes = [np.zeros((p, m, m))]
+        for j, term in enumerate(self._terms[:-1], start=1):
+            changes.append((changes[-1] @ self._block + term @ direction) / j)
+        change = (self._powers @ np.array(changes).reshape(len(changes), -1)).reshape(-1, p, m, m)
+        first = _frechet(self._block, direction)[:, :n]
+        return self._unpacked(first @ self._factors[:, None] + self._whole @ change)
 
-    def _powers(self) -> np.ndarray:
-        return np.asarray((self.relative - 1.0)[:, None] ** np.arange(self._n_terms()))
+    @cached_property
+    def _block(self) -> np.ndarray:
+        return _augmented(self.A, self.count)
 
-    def _n_terms(self) -> int:
+    @cached_property
+    def _whole(self) -> np.ndarray:
+        """The rows of e^M that hold Φ and the integrals."""
+        return np.asarray(expm(self._block)[: self.A.shape[0]])
+
+    @cached_property
+    def _terms(self) -> np.ndarray:
+        """M^j / j! of the series, as many as it takes."""
         reach = max(_reach(self.A, self.relative), 1e-12)
         last = (j for j in range(2, MOST_TERMS) if j * math.log(reach) - math.lgamma(j + 1) < LAST_TERM)
-        return next(last, MOST_TERMS)
+        terms = [np.eye(self._block.shape[0])]
+        for j in range(1, next(last, MOST_TERMS)):
+            terms.append(terms[-1] @ self._block / j)
+        return np.array(terms)
+
+    @cached_property
+    def _powers(self) -> np.ndarray:
+        return np.asarray((self.relative - 1.0)[:, None] ** np.arange(len(self._terms)))
+
+    @cached_property
+    def _factors(self) -> np.ndarray:
+        """e^(M δ), (k, m, m)."""
+        flat = self._powers @ self._terms.reshape(len(self._terms), -1)
+        return flat.reshape(-1, *self._block.shape)
 
     def _unpacked(self, top: np.ndarray) -> TransitionIntegrals:
         """Of rows of blocks (k, ..., n, m) in units of the middle period."""
@@ -137,14 +154,6 @@ def beside(A: np.ndarray, periods: np.ndarray, count: int = STRAIGHT) -> Beside 
 def _reach(A: np.ndarray, relative: np.ndarray) -> float:
     rate = max(float(np.linalg.norm(A, 1)) if A.size else 0.0, 1.0)
     return rate * float(np.max(np.abs(relative - 1.0), initial=0.0))
-
-
-def _terms(block: np.ndarray, number: int) -> np.ndarray:
-    """M^j / j! of the series, (number, m, m)."""
-    terms = [np.eye(block.shape[0])]
-    for j in range(1, number):
-        terms.append(terms[-1] @ block / j)
-    return np.array(terms)
 
 
 def _packed(parts: Sequence[np.ndarray]) -> TransitionIntegrals:

@@ -168,14 +168,14 @@ def sample_derivatives(
 
 @dataclass(frozen=True)
 class SampledSteps:
-    """A model without noise, sampled with k periods: fields as those of DiscreteModel with an axis of k, and
-    their derivatives in p directions with axes of p and k."""
+    """A model without noise, sampled with k periods: fields as those of DiscreteModel with an axis of k.
+    `slopes` has an axis of k behind that of the directions in what depends on the period."""
 
     transition: np.ndarray
     input_now: np.ndarray
     input_next: np.ndarray
     drift: np.ndarray
-    slopes: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None
+    slopes: SampledDerivatives | None
 
 
 def sample_steps(
@@ -187,18 +187,42 @@ def sample_steps(
     if made is None:
         return None
     _check_input_derivatives(ss, hold)
-    integrals, T = made.integrals(), periods[:, None]
-    now, following = _input_matrices(ss.B, integrals, ss, T, hold)
+    integrals = made.integrals()
+    now, following = _input_matrices(ss.B, integrals, ss, periods[:, None], hold)
     slopes = None
     if derivatives is not None:
-        change, held = made.derivatives(derivatives["A"]), _with_directions(integrals)
-        by_A = _input_matrices(ss.B, change, ss, T[:, None], hold)
-        by_B = _input_matrices(derivatives["B"], held, ss, T[:, None], hold)
-        drift = change.first @ ss.b + (held.first @ derivatives["b"][..., None])[..., 0]
-        parts = (change.transition, by_A[0] + by_B[0], by_A[1] + by_B[1], drift)
-        first, second, third, last = (np.swapaxes(part, 0, 1) for part in parts)
-        slopes = first, second, third, last
+        change = made.derivatives(derivatives["A"])
+        slopes = _slopes_of_steps(ss, integrals, change, periods, hold, derivatives)
     return SampledSteps(integrals.transition, now, following, integrals.first @ ss.b, slopes)
+
+
+def _slopes_of_steps(
+    ss: StateSpace,
+    integrals: TransitionIntegrals,
+    change: TransitionIntegrals,
+    periods: np.ndarray,
+    hold: Hold,
+    derivatives: dict[str, np.ndarray],
+) -> SampledDerivatives:
+    """Those of `sample_steps`, from the `integrals` (k, n, n) and what they `change` by (k, p, n, n)."""
+    held, T = _with_directions(integrals), periods[:, None, None]
+    now, following = _input_matrices(ss.B, change, ss, T, hold)
+    now_b, following_b = _input_matrices(derivatives["B"], held, ss, T, hold)
+    drift = change.first @ ss.b + (held.first @ derivatives["b"][..., None])[..., 0]
+    n_y, n = ss.C.shape
+    p, k = derivatives["A"].shape[0], periods.size
+    return SampledDerivatives(
+        transition=np.swapaxes(change.transition, 0, 1),
+        input_now=np.swapaxes(now + now_b, 0, 1),
+        input_next=np.swapaxes(following + following_b, 0, 1),
+        drift=np.swapaxes(drift, 0, 1),
+        output=derivatives["C"],
+        feedthrough=derivatives["D"],
+        output_offset=derivatives["d"],
+        process_cov=np.zeros((p, k, n, n)),
+        measurement_cov=np.zeros((p, n_y, n_y)),
+        cross_cov=np.zeros((p, k, n, n_y)),
+    )
 
 
 def _with_directions(integrals: TransitionIntegrals) -> TransitionIntegrals:
