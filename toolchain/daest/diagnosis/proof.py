@@ -194,7 +194,7 @@ def proof_of(
             reason = other_dynamics(left, gain)
             too_short = "" if reason else lag_too_short(null, prepared.trial.candidate, fit)
             reason = reason or too_short
-        if is_curve and left.p_value < GATES.rest_level and not is_told and not is_shown:
+        if is_curve and not is_told and not is_shown and _is_much_left(left, gain):
             reason = unexplained(explained, ratios)
         if not reason and not _is_most_of_it(explained, ratios, is_told, gain, left):
             reason = wrong_law(null, run, prepared, fit, gain, left)
@@ -503,6 +503,12 @@ def _is_most_of_it(
     if is_told and left.log_likelihood_gain < GATES.max_rest * gain:
         return True
     return explained >= GATES.min_explained and bool(ratios) and max(ratios) <= GATES.max_simulated_ratio
+
+
+def _is_much_left(left: FreeForm, gain: float) -> bool:
+    """Whether the rest of the load follows a variable, and is more, beside the law's gain in log-likelihood,
+    than a second and smaller effect."""
+    return left.p_value < GATES.rest_level and left.log_likelihood_gain >= GATES.max_rest * gain
 
 
 def _explained(
