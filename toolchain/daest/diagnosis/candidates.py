@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import product
 
 import casadi as ca
@@ -137,9 +138,45 @@ def _told_apart(
 
 def explicit_at_null(flat: FlatModel, candidates: Sequence[Candidate]) -> ExplicitModel:
     """The explicit form of `attached`, of which values and derivatives over the sizes are wanted where all
-    effects vanish. Raises what attaching and index reduction raise."""
+    effects vanish. Raises what attaching and index reduction raise.
+
+    That of a model that differs from one of the last in values alone, with the same effects in other shapes,
+    is not made again: the screen in open loop asks for what the first screen has made."""
+    for other, known, explicit in tuple(_attached):
+        if _differ_in_values(flat, other) and _have_same_equations(candidates, known):
+            return replace(explicit, flat=explicit.flat.with_theta(_values(flat, candidates)))
     sizes = {f"{c.name}.{p.name}" for c in candidates for p in c.effect.sizes}
-    return reduce_index(attached(flat, candidates), first_order=sizes)
+    explicit = reduce_index(attached(flat, candidates), first_order=sizes)
+    _attached.appendleft((flat, tuple(candidates), explicit))
+    return explicit
+
+
+_attached: deque[tuple[FlatModel, tuple[Candidate, ...], ExplicitModel]] = deque(maxlen=12)
+"""What `explicit_at_null` made last, and of what."""
+
+
+def _values(flat: FlatModel, candidates: Sequence[Candidate]) -> dict[str, float]:
+    """Of the parameters of `flat` and of the candidates, as `attached` has them."""
+    values = {p.name: p.value for p in flat.parameters}
+    own = {f"{c.name}.{name}": value for c in candidates for name, value in placement(c).values.items()}
+    return values | own
+
+
+def _differ_in_values(one: FlatModel, other: FlatModel) -> bool:
+    """Whether two models are one but for the values of their parameters."""
+    rest = [f.name for f in fields(FlatModel) if f.name != "parameters"]
+    return all(getattr(one, name) is getattr(other, name) for name in rest) and all(
+        a == replace(b, value=a.value) for a, b in zip(one.parameters, other.parameters, strict=True)
+    )
+
+
+def _have_same_equations(some: Sequence[Candidate], others: Sequence[Candidate]) -> bool:
+    """Whether candidates bring the same equations: they differ in the values of their shapes at most."""
+    return len(some) == len(others) and all(
+        one.shape.keys() == other.shape.keys()
+        and replace(one, shape={}, searched=1) == replace(other, shape={}, searched=1)
+        for one, other in zip(some, others, strict=True)
+    )
 
 
 def attached(flat: FlatModel, candidates: Sequence[Candidate]) -> FlatModel:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,11 @@ class TrajectoryProblem:
     @property
     def n_states(self) -> int:
         return self.state_scale.size
+
+    @cached_property
+    def output_sizes(self) -> np.ndarray:
+        """rms of every measured output (n_y,)."""
+        return _sizes(self.experiments)
 
     def theta(self, z: np.ndarray) -> np.ndarray:
         """All parameters of the model at z. Shapes: z (n_z,); parameters (n_theta,)."""
@@ -137,7 +143,7 @@ def prediction_errors(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bo
     errors = tuple(e.outputs - t.outputs for e, t in zip(problem.experiments, trajectories, strict=True))
     with np.errstate(over="ignore", invalid="ignore"):
         covariance = _covariance(problem, errors)
-        if _has_run_away(covariance, _sizes(problem.experiments)):
+        if _has_run_away(covariance, problem.output_sizes):
             return None
         value = _negative_log_likelihood(errors, covariance)
     return Errors(errors, covariance, tuple(trajectories), value)
@@ -220,7 +226,7 @@ def _without_slopes(made: Trajectory) -> Trajectory:
 def _covariance(problem: TrajectoryProblem, errors: tuple[np.ndarray, ...]) -> np.ndarray:
     """Full for an observer with complete data; else diagonal, as output error assumes."""
     table = np.concatenate(errors)
-    floor = FIT.smallest_std * _sizes(problem.experiments)
+    floor = FIT.smallest_std * problem.output_sizes
     observed = np.isfinite(table)
     squares = np.where(observed, table, 0.0) ** 2
     found = np.sqrt(squares.sum(axis=0) / np.maximum(observed.sum(axis=0), 1))
@@ -276,7 +282,9 @@ def whitened(problem: TrajectoryProblem, errors: Errors, z: np.ndarray) -> tuple
             change[p - problem.family.n_logs :] = -sens[:, :, n_parameters + problem.n_states :].transpose(
                 2, 0, 1
             )
-        change = np.where(observed, change, 0.0) @ inverse_root.T
+        if not np.all(observed):
+            change = np.where(observed, change, 0.0)
+        change = change @ inverse_root.T
         residuals.append(white.ravel())
         slopes.append(change.reshape(p, error.size))
     return np.concatenate(residuals), np.concatenate(slopes, axis=1)
