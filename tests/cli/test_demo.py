@@ -39,7 +39,12 @@ def test_report_of_a_demo(tmp_path, monkeypatch, daest):
     assert code == 0 and "daest diagnose" in out and "daest compare" not in out
 
 
-@pytest.mark.parametrize("name", [example.name for example in examples() if not example.has_recording])
+WITHOUT = [example.name for example in examples() if not example.has_recording]
+
+
+@pytest.mark.parametrize(
+    "name", [WITHOUT[0], *(pytest.param(n, marks=pytest.mark.slow) for n in WITHOUT[1:])]
+)
 def test_example_without_recording_shows_its_noise(tmp_path, monkeypatch, daest, name):
     monkeypatch.chdir(tmp_path)
     code, out, err = daest("demo", name, "--format", "json")

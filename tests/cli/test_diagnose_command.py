@@ -206,6 +206,7 @@ def test_a_model_without_unknowns_is_told(cart, daest):
     assert "no parameter is estimated" in err
 
 
+@pytest.mark.slow  # the name that is free: tests/effects/test_extend.py
 def test_component_of_the_same_name(cart, daest):
     text = CART.replace("Fixed wall", "Fixed coulombFriction").replace(
         "wall.flange", "coulombFriction.flange"

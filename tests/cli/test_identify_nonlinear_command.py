@@ -73,9 +73,10 @@ def test_multiple_shooting_finds_what_a_simulation_over_the_record_does_not(pend
     for segments in (1, 20):
         assert run([*arguments, "--shooting", str(segments), "--format", "json"]) == 0
         found.append(json.loads(capsys.readouterr().out))
-    assert "found by multiple shooting (20 segments)" in found[1]["notes"]
+    # A second look goes on from either end, so that no note says how it was found.
     fits = [document["fit_percent"]["estimation"]["phi"] for document in found]
-    assert fits[0] < 60.0 and fits[1] > 90.0
+    assert fits[0] < 80.0 and fits[1] > 90.0
+    assert found[1]["log_likelihood"] > found[0]["log_likelihood"] + 1000.0
 
 
 @pytest.mark.slow  # a prior by the command: test_fit_commands.py

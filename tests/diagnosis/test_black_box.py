@@ -72,12 +72,21 @@ def test_nothing_is_missing(model):
 
 @pytest.fixture(scope="module")
 def rubbing(model):
-    """The diagnosis of a ball with Coulomb friction of 0.8."""
-    return diagnosed(model, [recording("a", 1, 0.8)], [recording("b", 2, 0.8)])
+    """The diagnosis of a ball with Coulomb friction of 0.8, among some laws."""
+    laws = ("CoulombFriction", "ViscousFriction", "QuadraticDrag", "ConstantLoad", "HardeningSpring")
+    return diagnosed(model, [recording("a", 1, 0.8)], [recording("b", 2, 0.8)], effects=laws)
 
 
 def test_friction_is_found_at_the_input(rubbing):
-    found = rubbing
+    is_friction(rubbing)
+
+
+@pytest.mark.slow
+def test_friction_is_found_among_all_laws(model):
+    is_friction(diagnosed(model, [recording("a", 1, 0.8)], [recording("b", 2, 0.8)]))
+
+
+def is_friction(found):
     assert found["verdict"] == "supported"
     best = found["candidates"][0]
     assert (best["effect"], best["at"]) == ("CoulombFriction", "u (v)")

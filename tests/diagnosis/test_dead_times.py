@@ -57,7 +57,7 @@ def test_shift_is_that_of_one_signal():
     [pytest.param("u", {"dead_input": 0.16}, marks=pytest.mark.slow), ("y", {"dead_output": 0.16})],
 )
 def test_likeliest_shift_is_the_dead_time(name, dead):
-    flat, record = compile_text(ARM, Path("Arm.mo")), recorded(**dead, n=400)
+    flat, record = compile_text(ARM, Path("Arm.mo")), recorded(**dead, n=275)
     null = fit_null(flat, load_sites(flat), [record], "zoh")
     options = IdentifyOptions(
         method="oe", estimate=("k", "d"), fix=null.shortest_times, hold="zoh", shooting=1

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.signal import lfilter
 
 from daest.diagnosis.examine import _said_of_inputs
 from daest.diagnosis.gates import GATES
@@ -28,10 +29,8 @@ from daest.modelica.compile import compile_text
 
 def lasting(n, seed, memory=0.9, size=1.0):
     rng = np.random.default_rng(seed)
-    course = np.zeros(n)
-    for k in range(1, n):
-        course[k] = memory * course[k - 1] + np.sqrt(1.0 - memory**2) * rng.standard_normal()
-    return size * course[:, None]
+    steps = np.concatenate([[0.0], np.sqrt(1.0 - memory**2) * rng.standard_normal(n - 1)])
+    return size * lfilter([1.0], [1.0, -memory], steps)[:, None]
 
 
 def simulated(size, seed, memory=0.9, n=2000):

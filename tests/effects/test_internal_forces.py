@@ -134,7 +134,7 @@ def play(x, v, gap=0.02, s_s=1e-3):
     "text",
     [
         pytest.param(GIVEN, marks=pytest.mark.slow),
-        BEHIND,
+        pytest.param(BEHIND, marks=pytest.mark.slow),
         pytest.param(BOUND, marks=pytest.mark.slow),
         RATES,
         TWIST,

@@ -72,7 +72,7 @@ def by_scipy(of_road, law):
         x, relative = z - SLOPE * t, v - SLOPE
         return [v, -(40 * x + 1.5 * (relative if of_road else v) + law(x, relative)) / 2]
 
-    return solve_ivp(rate, (0.0, 2.0), [0.0, 0.0], method="Radau", rtol=1e-9, atol=1e-12).y[1:, -1]
+    return solve_ivp(rate, (0.0, 2.0), [0.0, 0.0], method="LSODA", rtol=1e-9, atol=1e-12).y[1:, -1]
 
 
 def no_force(x, v):

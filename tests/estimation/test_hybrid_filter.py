@@ -180,7 +180,7 @@ def test_a_block_that_sticks_and_slides(block):
 )
 def test_sample_by_sample_the_filter_is_that_of_the_record(request, kind, case):
     """Also where the memory was kept in a file on the way: the mode is a part of it."""
-    flat, recording = request.getfixturevalue(case), loop_recording(60)[0]
+    flat, recording = request.getfixturevalue(case), loop_recording(36)[0]
     size = 3
     if case == "block":
         whole, size = rough_table(0, n=101)[0], 2

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import casadi as ca
 import hand_models as hand
@@ -178,8 +179,13 @@ def test_process_noise_is_found_with_its_size():
     assert load.std_error < 0.2 * load.value
 
 
+@cache
+def without_process_noise():
+    return identify(rig(noise=UNKNOWN_NOISE), [simulated(4)], replace(ONCE, split=0.5))
+
+
 def test_process_noise_that_is_not_there_is_said_to_be_absent():
-    result = identify(rig(noise=UNKNOWN_NOISE), [simulated(4)], ONCE)
+    result = without_process_noise()
     (load,) = [n for n in result.noises if n.kind == "process"]
     assert load.at_bound == "min"
     assert load.std_error is None
@@ -374,18 +380,15 @@ def with_slow_noise():
     return replace(quiet, outputs=quiet.outputs + slow)
 
 
-def test_document_is_plain_json_without_nan(shared_data):
-    experiment, truth = known(shared_data, 7)
-    family = hand.servo({**truth, **hand.REPORT_START}, noise=UNKNOWN_NOISE)
-    result = identify(family, [experiment], replace(ONCE, split=0.5))
-    content = document(result)
+def test_document_is_plain_json_without_nan():
+    content = document(without_process_noise())
     assert json.loads(json.dumps(content, allow_nan=False)) == content
     assert set(content["parameters"]["J1"]) == {
         "value", "std_error", "initial", "unit", "min", "max", "at_bound", "prior",
     }  # fmt: skip
     assert set(content["fit_percent"]) == {"estimation", "validation"}
     assert set(content["one_step"]["rms"]["validation"]) == {"omega", "phi"}
-    assert content["theta"]["R"] == truth["R"]
+    assert content["theta"]["R"] == TRUE["R"]
 
 
 # Refusals

@@ -159,12 +159,12 @@ def test_linear_model_within_its_monte_carlo_band(proposal):
 
 
 def test_smoother_of_a_linear_model():
-    task = linear_case()
+    task = linear_case(90)
     known = smooth_ekf(
         run_ekf(task.model, task.data, task.theta, task.noise, task.start), task.data, task.noise
     )
     points = ContinuousPoints(task)
-    run = run_particles(points, task.data.outputs, task.noise.variance, task.start, 1500, 0)
+    run = run_particles(points, task.data.outputs, task.noise.variance, task.start, 1200, 0)
     found = smooth_particles(points, run, 1)
     assert found.is_simulated
     std = np.sqrt(np.diagonal(known.cov, axis1=1, axis2=2))[:, :2]

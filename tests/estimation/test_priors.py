@@ -56,8 +56,11 @@ def product(mean, std, prior_mean, prior_std):
     return (mean * std**-2 + prior_mean * prior_std**-2) / precision, precision**-0.5
 
 
-@pytest.mark.parametrize("method", ["oe", "pem"])
-@pytest.mark.parametrize(("name", "is_log"), [("d", True), ("k", False)])
+@pytest.mark.parametrize(
+    ("name", "is_log", "method"),
+    [("d", True, "oe"), ("k", False, "oe"), ("d", True, "pem"),
+     pytest.param("k", False, "pem", marks=pytest.mark.slow)],
+)  # fmt: skip
 def test_posterior_of_one_parameter_is_the_product_of_two_densities(method, name, is_log):
     experiment = recorded()
     (plain,) = fit_of(experiment, method, (name,)).parameters

@@ -165,7 +165,7 @@ def test_two_records_are_cut_apart():
     for i, j in shooting.pairs:
         a, b = shooting.problem.experiments[i], shooting.problem.experiments[j]
         assert a.time[-1] == b.time[0]
-    fit = fit_of(explicit, [first, second], 10, J=1.5, d=0.3, mgl=4.0)
+    fit = fit_of(explicit, [first, second], 10, second_look=False, J=1.5, d=0.3, mgl=4.0)
     assert fit.theta["mgl"] == pytest.approx(9.0, rel=0.02) and len(fit.initial_states) == 2
 
 

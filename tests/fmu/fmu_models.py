@@ -145,5 +145,5 @@ def tank_response(time, u, h0=0.5, area=2.0, k=0.3):
         return (np.sin(t) * u - k * np.sqrt(h**2 + 0.01)) / area
 
     return scipy.integrate.solve_ivp(
-        rate, (time[0], time[-1]), [h0], "Radau", time, rtol=1e-11, atol=1e-12
+        rate, (time[0], time[-1]), [h0], "LSODA", time, rtol=1e-11, atol=1e-12
     ).y[0]

@@ -63,10 +63,11 @@ def record(even, n=160, seed=0):
     return Experiment("r", time, u, y, ("u",), ("y", "force"))
 
 
-def built(model, folder: Path, *flags: str, is_float=False) -> Path:
+def built(model, folder: Path, *flags: str, is_float=False, change=("", "")) -> Path:
+    """The replay, compiled; `change` replaces words of its main program."""
     folder.mkdir(exist_ok=True)
     for name, text in estimator_files(model, is_float=is_float).items():
-        (folder / name).write_text(text)
+        (folder / name).write_text(text.replace(*change) if change[0] and name == "main.c" else text)
     command = [COMPILER, *flags, "estimator.c", "estimator_model.c", "main.c", "-lm", "-o", "replay"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0 and done.stderr == "", done.stderr
@@ -114,13 +115,20 @@ def test_replay_is_the_filter_of_the_recording(plant, tmp_path, hold):
     agree(replayed(program, record(True)), known, 1e-9, model.values)
 
 
-def test_uneven_steps_under_the_sanitizers(plant, tmp_path):
+@pytest.fixture(scope="module")
+def quiet(plant):
     """Variables that white noise reaches directly need the step to come, which a stream does not know."""
-    quiet = replace(plant, noises=(plant.noises[0], replace(plant.noises[1], intensity=0.0)))
-    model = estimator_model(quiet, 0.1)
-    program = built(model, tmp_path / "c", *STRICT, *SANITIZED)
+    return replace(plant, noises=(plant.noises[0], replace(plant.noises[1], intensity=0.0)))
+
+
+@pytest.fixture(scope="module")
+def sanitized(quiet, tmp_path_factory):
+    return built(estimator_model(quiet, 0.1), tmp_path_factory.mktemp("sanitized"), *STRICT, *SANITIZED)
+
+
+def test_uneven_steps_under_the_sanitizers(quiet, sanitized):
     known = run_filter(quiet, record(False))
-    agree(replayed(program, record(False)), known, 1e-8, ("s", "v", "turn", "y", "force"))
+    agree(replayed(sanitized, record(False)), known, 1e-8, ("s", "v", "turn", "y", "force"))
 
 
 def test_stationary_start_and_chosen_variables(plant, tmp_path):
@@ -171,14 +179,11 @@ def test_single_precision(plant, tmp_path):
 
 def test_knobs_change_parameters_and_noise(plant, tmp_path):
     """theta, intensity and noise_std take effect by estimator_tuned."""
-    model = estimator_model(plant, 0.1)
-    folder = built(model, tmp_path / "c", *STRICT).parent
-    main = (folder / "main.c").read_text()
     knobs = "e.theta[1] = 6.0; e.intensity[0] = 0.2; e.noise_std[0] = 0.05;"
     tuned = f"estimator_init(&e); {knobs} estimator_tuned(&e);"
-    (folder / "main.c").write_text(main.replace("estimator_init(&e);", tuned))
-    command = [COMPILER, *STRICT, "estimator.c", "estimator_model.c", "main.c", "-lm", "-o", "replay"]
-    subprocess.run(command, cwd=folder, check=True)
+    program = built(
+        estimator_model(plant, 0.1), tmp_path / "c", *STRICT, change=("estimator_init(&e);", tuned)
+    )
     other = plant.with_theta({"c": 6.0})
     other = replace(
         other,
@@ -186,14 +191,13 @@ def test_knobs_change_parameters_and_noise(plant, tmp_path):
         outputs=(replace(plant.outputs[0], noise_std=0.05), plant.outputs[1]),
     )
     assert plant.parameters[1].name == "c"
-    agree(replayed(folder / "replay", record(True)), run_filter(other, record(True)), 1e-9, ("s", "v"))
+    agree(replayed(program, record(True)), run_filter(other, record(True)), 1e-9, ("s", "v"))
 
 
-def test_replay_refuses_what_is_no_recording(plant, tmp_path):
-    program = built(estimator_model(plant, 0.1), tmp_path / "c", *SANITIZED)
+def test_replay_refuses_what_is_no_recording(sanitized):
     broken = {"": 2, "time,y\n": 2, "u,y\n": 2, "time,u,y\n0,1\n": 2, "time,u,y\n0,,1\n": 2}
     for text, status in {**broken, "time,u,y\n1,1,1\n1,1,1\n": 1}.items():
-        done = subprocess.run([program], input=text, capture_output=True, text=True)
+        done = subprocess.run([sanitized], input=text, capture_output=True, text=True)
         assert done.returncode == status and done.stderr and "Sanitizer" not in done.stderr
 
 

@@ -38,13 +38,17 @@ def test_binary_alone_gives_the_same_dae_as_the_model(stripped):
         assert getattr(found, name) == getattr(expected, name), name
 
 
-def test_parameter_derivatives_of_the_binary_equal_the_symbolic_ones(stripped):
+@pytest.mark.parametrize(
+    "numbers", [(0, 3), pytest.param((1, 2, 4), marks=pytest.mark.slow)], ids=["some", "others"]
+)
+def test_parameter_derivatives_of_the_binary_equal_the_symbolic_ones(stripped, numbers):
     flat = models.geared_drive()
     theta = flat.theta_values
     jacobian = linear_dae_function(flat).jacobian()
     exact = jacobian(theta, *linear_dae_function(flat)(theta))
-    for i, value in enumerate(theta):
-        step = 1e-4 * value
+    assert theta.size == 5
+    for i in numbers:
+        step = 1e-4 * theta[i]
         up, down = (linearize_fmu(stripped, theta + s * np.eye(5)[i]) for s in (step, -step))
         for k, name in enumerate(("E", "J", "K")):
             difference = (getattr(up, name) - getattr(down, name)) / (2 * step)

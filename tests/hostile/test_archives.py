@@ -41,7 +41,9 @@ def code_of(path) -> str:
 @pytest.mark.parametrize(
     ("text", "code"),
     [
-        (lambda: variables((f"x{i}", i) for i in range(MANY)), "fmu-too-large"),
+        pytest.param(
+            lambda: variables((f"x{i}", i) for i in range(MANY)), "fmu-too-large", marks=pytest.mark.slow
+        ),
         pytest.param(
             lambda: f"{HEAD}<!--{'x' * (100 * MEGABYTE)}-->{TAIL}", "fmu-too-large", marks=pytest.mark.slow
         ),

@@ -125,7 +125,7 @@ def test_verdict_does_not_depend_on_units():
     for make in (report_servo, library_servo):
         dae = linearize(make())
         plain = noise_report(dae)
-        for _ in range(4):
+        for _ in range(2):
             rows, columns = (10.0 ** rng.uniform(-6, 6, dae.n) for _ in range(2))
             scaled = replace(
                 dae,

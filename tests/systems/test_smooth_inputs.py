@@ -1,6 +1,7 @@
 """Inputs on smooth curves between their samples: a body on a spring and a damper over a ground that moves in
 a few waves, each sampled about eight times, against scipy with the ground as a function of time."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -91,9 +92,10 @@ def test_simulation_is_that_of_scipy_where_straight_lines_are_not(cubic):
 def test_identification_takes_smooth_inputs_and_finds_the_truth(cubic):
     flat = body(cubic, start={"c": 200.0, "d": 5.0})
     names = ("c", "d")
-    fit = identify(flat, [recording(cubic, (1e-4, 5e-2))], IdentifyOptions(estimate=names))
+    data, once = [recording(cubic, (1e-4, 5e-2))], IdentifyOptions(estimate=names, second_look=False)
+    fit = identify(flat, data, once)
     assert fit.hold == "smooth"
-    straight = identify(flat, [recording(cubic, (1e-4, 5e-2))], IdentifyOptions(estimate=names, hold="foh"))
+    straight = identify(flat, data, replace(once, hold="foh"))
     assert fit.log_likelihood > straight.log_likelihood + 50
     for name in names:
         found = next(p for p in fit.parameters if p.name == name)

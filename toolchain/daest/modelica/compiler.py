@@ -419,9 +419,13 @@ def _meaning(job: Job) -> str:
 
 @functools.cache
 def _code() -> str:
-    """What tells this room's code from another version of it."""
-    files = sorted(Path(__file__).resolve().parent.glob("*.py"))
-    return repr([(file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in files])
+    """What tells this room's code from another version of it: the content of its files. Their times would
+    tell copies of the same code apart, and a new checkout or installation would compile everything anew."""
+    found = hashlib.sha256()
+    for file in sorted(Path(__file__).resolve().parent.glob("*.py")):
+        content = file.read_bytes()
+        found.update(f"{file.name} {len(content)}\n".encode() + content)
+    return found.hexdigest()
 
 
 def _kept_file(*parts: str) -> Path:
