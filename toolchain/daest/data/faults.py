@@ -149,9 +149,9 @@ def column_findings(samples: Samples, n_missing: int) -> list[Finding]:
     if samples.values.size < FEWEST or n_levels <= LEVELS:
         return found
     if samples.role == "input":
-        return found + _saturation(samples)
+        return found + saturation(samples)
     # A value that a signal drops to, or is limited to, is neither an outlier nor where a sensor got stuck.
-    special = _drops(samples) or _saturation(samples)
+    special = _drops(samples) or saturation(samples)
     spikes = [] if special and special[0].code == "check-dropouts" else _outliers(samples)
     return [*found, *special, *spikes, *([] if special else _stuck(samples)), *_coarse(samples)]
 
@@ -186,14 +186,16 @@ def _missing(samples: Samples, n_missing: int) -> list[Finding]:
     return [Finding("check-missing", level, samples.name, text, count=n_missing)]
 
 
-def _saturation(samples: Samples) -> list[Finding]:
+def saturation(samples: Samples, pile: float = PILE) -> list[Finding]:
+    """The limits at which a signal stays, at each of which it has `pile` times more samples than at the next
+    levels on average."""
     values, (levels, counts) = samples.values, samples.levels
     found = []
     for at_end, name in ((-1, "upper"), (0, "lower")):
         limit, count = levels[at_end], counts[at_end]
         others = (counts[-1 - NEXT_LEVELS : -1] if at_end else counts[1 : 1 + NEXT_LEVELS]).mean()
         # Zero is where many signals rest: a flow, the sun, a duty cycle.
-        if limit == 0 or count < max(LEVELS, AT_LIMIT * values.size) or count < PILE * others:
+        if limit == 0 or count < max(LEVELS, AT_LIMIT * values.size) or count < pile * others:
             continue
         starts, lengths = samples.runs
         at_limit = (values[starts] == limit) & (lengths >= 2)

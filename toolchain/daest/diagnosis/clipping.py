@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.data.faults import Samples, column_findings
+from daest.data.faults import Samples, column_findings, saturation
+from daest.diagnosis.gates import GATES
 from daest.model.diagnosis import Candidate
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
@@ -41,14 +42,30 @@ def clips_of(experiments: Sequence[Experiment]) -> dict[str, Clip]:
         for name, values in zip(experiment.output_names, experiment.outputs.T, strict=True):
             known = np.isfinite(values)
             samples = Samples(name, "output", experiment.time[known], values[known])
-            for finding in column_findings(samples, 0) if samples.values.size else []:
-                if finding.code != "check-saturation" or finding.at is None:
-                    continue
-                at = samples.values[int(np.argmin(np.abs(samples.time - finding.at)))]
-                others = [found[name]] if name in found else []
-                clip = Clip(abs(float(at)), samples.noise is not None)
-                found[name] = max([clip, *others], key=lambda one: one.limit)
+            seen, suspected = _limits(samples) if samples.values.size else ([], [])
+            clips = [Clip(limit, samples.noise is not None) for limit in seen]
+            clips += [Clip(limit) for limit in suspected]
+            others = [found[name]] if name in found else []
+            if clips:
+                found[name] = max([*clips, *others], key=lambda one: (one.is_certain, one.limit))
     return found
+
+
+def _limits(samples: Samples) -> tuple[list[float], list[float]]:
+    """The magnitudes at which a signal is seen to stay; where it is at none, those at which it may: noise and
+    coarse steps spread what a limit piles up over the levels below it."""
+    faults = column_findings(samples, 0)
+    seen = [one for one in faults if one.code == "check-saturation"]
+    suspected = [] if faults else saturation(samples, GATES.min_tried_pile)
+    levels = [
+        [
+            abs(float(samples.values[int(np.argmin(np.abs(samples.time - one.at)))]))
+            for one in findings
+            if one.at is not None
+        ]
+        for findings in (seen, suspected)
+    ]
+    return levels[0], levels[1]
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ def _is_shown(found: Diagnosis, proof: Proof) -> bool:
 def told_beside(lag: Proof, stand: Stand, beside: Stand) -> Proof:
     """The proof of a lag by the model of `beside`, that of `stand` with the lag."""
     gain = beside.baseline.log_likelihood - stand.baseline.log_likelihood
-    n_own = len(lag.candidate.estimated)
+    n_own = lag.candidate.n_unknowns
     return replace(
         lag,
         fit=beside.baseline,

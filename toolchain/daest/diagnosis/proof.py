@@ -138,8 +138,8 @@ def proof_of(
     prepared, explicit, experiments = found.prepared, found.explicit, found.experiments
     refit, gain, hopeless = found.refit, found.gain, least_hope(leader, prepared.trial.candidate)
     fed, fit = replace(null, experiments=experiments), found.refit.fit
-    n_own = len(prepared.names) - len(null.estimated)
-    delta_bic = bic_gain(gain, n_own + prepared.trial.candidate.n_memory, null)
+    n_own = prepared.trial.candidate.n_unknowns
+    delta_bic = bic_gain(gain, n_own, null)
     with_effect = grown(fed, prepared.flat, explicit, fit, experiments)
     # Without a load the observer waits until the gates that need none are passed.
     after = None if load is None else run_null(with_effect)
@@ -154,6 +154,7 @@ def proof_of(
     is_open = is_curve = is_told = is_shown = False
     used = InUse()
     unseen_form = ""
+    before = null_fit if reference is None else reference.fit
     ahead_of_it = leader if fit.log_likelihood < hopeless else None
     ahead_of_it = ahead_of_it or _better_simpler(prepared, fit, delta_bic)
     if not reason and ahead_of_it is not None:
@@ -174,13 +175,13 @@ def proof_of(
         says_all = form is not None and form.p_value < GATES.rest_level and gain >= form.log_likelihood_gain
         is_curve = says_all and explained >= GATES.min_curve_explained
         undetermined = vanished(prepared.trial.candidate, final or fit)
-        undetermined = undetermined or not_determined(prepared.trial.candidate, final or fit)
+        undetermined = undetermined or not_determined(prepared.trial.candidate, final or fit, before)
         if not against and not undetermined:
             formless = without_form(with_effect, prepared.trial.candidate, final or fit)
             is_open = not formless
             unseen_form = formless or out_of_reach(with_effect, prepared.trial.candidate, final or fit)
         reason = against or undetermined or unseen_form
-        reason = reason or weak(prepared, final if is_shown and final else fit)
+        reason = reason or weak(prepared, final if is_shown and final else fit, before)
         alone = grown(fed, prepared.flat, explicit, final or fit, experiments)
         reason = reason or undriven(alone) or _of_its_start(null, alone, prepared.trial.candidate, reference)
         if not reason and not is_curve and not is_told and not is_shown:
@@ -215,7 +216,7 @@ def proof_of(
         ahead=ahead,
         is_open=bool(reason) and is_open,
         is_any_dynamics=bool(too_short) and reason == too_short,
-        is_known=not unseen_form and not not_determined(prepared.trial.candidate, final or fit),
+        is_known=not unseen_form and not not_determined(prepared.trial.candidate, final or fit, before),
         confirmed=told,
         adds_up=reference is not None and reference.adds_up,
         in_use=used,
@@ -298,11 +299,11 @@ def by_simulation(
     say more than that one: which law it is is no question of chance."""
     explicit = prepared.reduced()
     used = _in_use(null, prepared, explicit, found, validation, reference)
-    n_own = len(prepared.names) - len(null.estimated)
+    n_own = prepared.trial.candidate.n_unknowns
     is_shown = speaks_for(used, n_own) or (accepted is not None and says_more_in_use(used, accepted.in_use))
     refused = not is_shown or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
     candidate = prepared.trial.candidate
-    refused = refused or bool(weak(prepared, found))
+    refused = refused or bool(weak(prepared, found, reference.fit))
     model = grown(null, prepared.flat, explicit, found, null.experiments)
     refused = refused or bool(undriven(model))
     refused = refused or bool(without_form(model, candidate, found) or out_of_reach(model, candidate, found))
@@ -314,7 +315,7 @@ def by_simulation(
     return replace(
         beside,
         delta_log_likelihood=used.gain,
-        delta_bic=used.bic(n_own + candidate.n_memory),
+        delta_bic=used.bic(n_own),
         in_use=used,
         is_shown=True,
         is_by_use=True,

@@ -137,7 +137,7 @@ def _by_use(proof: Proof, n_independent: float, n_unseen: float) -> Proof:
     return replace(
         proof,
         delta_log_likelihood=used.gain,
-        delta_bic=used.bic(len(proof.candidate.estimated) + proof.candidate.n_memory),
+        delta_bic=used.bic(proof.candidate.n_unknowns),
         verdict="supported",
         reason="",
         is_by_use=True,

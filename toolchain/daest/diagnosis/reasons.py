@@ -48,8 +48,8 @@ def without_evidence(gain: float, delta_bic: float, p_value: float, n_screened: 
     return ""
 
 
-def weak(prepared: Prepared, fit: FitResult) -> str:
-    """Why its shape or its sizes prove nothing; empty where they do."""
+def weak(prepared: Prepared, fit: FitResult, before: FitResult) -> str:
+    """Why its shape or its sizes prove nothing; empty where they do. `before` is the fit without the law."""
     candidate = prepared.trial.candidate
     found = {p.name: p for p in fit.parameters}
     for shape in (p for p in candidate.effect.parameters if p.role == "shape"):
@@ -64,7 +64,7 @@ def weak(prepared: Prepared, fit: FitResult) -> str:
         # Beside estimated shapes a size alone tells little: there the likelihood ratio has spoken.
         shares = sum(p.estimate for p in candidate.effect.parameters) > len(candidate.effect.sizes)
         least = GATES.min_dynamic_significance if candidate.is_dynamic else GATES.min_significance
-        certainty = _certainty(candidate, fit, size, parameter)
+        certainty = _certainty(candidate, fit, size, parameter, before)
         reason = _weak_size(size, parameter.null or 0.0, 0.0 if shares else least, certainty)
         if not reason:
             return ""
@@ -87,17 +87,20 @@ def vanished(candidate: Candidate, told: FitResult) -> str:
     return f"without unknown loads {'; '.join(reasons)}"
 
 
-def not_determined(candidate: Candidate, told: FitResult) -> str:
+def not_determined(candidate: Candidate, told: FitResult, before: FitResult) -> str:
     """Why the law is not the one that the data show, where they determine none of its parameters: it then
-    stands for any law that does the same in these data. Empty where at least one of them is known."""
+    stands for any law that does the same in these data. Empty where at least one of them is known. A phase
+    says nothing alone: half a turn of it is another sign of the size. `before` is the fit without the law."""
     law = {
-        f"{candidate.name}.{p.name}": p for p in candidate.effect.parameters if p.role in ("size", "shape")
+        f"{candidate.name}.{p.name}": p
+        for p in candidate.effect.parameters
+        if p.role in ("size", "shape") and not _is_phase(p)
     }
     own = [p for p in told.parameters if p.name in law]
     unknown = [
         told_value(p)
         for p in own
-        if not _is_known(p, law[p.name], _certainty(candidate, told, p, law[p.name]))
+        if not _is_known(p, law[p.name], _certainty(candidate, told, p, law[p.name], before))
     ]
     if not own or len(unknown) < len(own):
         return ""
@@ -142,19 +145,30 @@ def _is_place(parameter: EffectParameter) -> bool:
     return PLACED <= max(map(abs, parameter.grid), default=0.0) < 1.0
 
 
+def _is_phase(parameter: EffectParameter) -> bool:
+    """Whether a shape is an angle that counts from nowhere."""
+    return parameter.role == "shape" and parameter.unit == "rad" and not parameter.scale_of
+
+
 def _is_known(parameter: FittedParameter, declared: EffectParameter, certainty: float) -> bool:
     if declared.role == "size" and parameter.at_bound == "max" and (declared.null or 0.0) < parameter.value:
         return True  # as much of the effect as there can be
-    return certainty >= GATES.min_significance
+    return certainty >= (GATES.min_place_significance if _is_place(declared) else GATES.min_significance)
 
 
 def _certainty(
-    candidate: Candidate, told: FitResult, own: FittedParameter, declared: EffectParameter
+    candidate: Candidate,
+    told: FitResult,
+    own: FittedParameter,
+    declared: EffectParameter,
+    before: FitResult,
 ) -> float:
     """How many standard errors a parameter of a law is off its null. A size counts by its ratio to a
     parameter of the model, too, where that cannot vanish: torques whose scale no sensor tells are as
-    uncertain as this scale, each of them, and none of them is zero for that. Not the size of a law that
-    changes the order of the model, whose ratios to other times are no scales. 0 where nothing is known."""
+    uncertain as this scale, each of them, and none of them is zero for that. Not by one to a parameter that
+    was known `before` the law was there: the law then only takes its place, and their difference is all that
+    is known. Nor the size of a law that changes the order of the model, whose ratios to other times are no
+    scales. 0 where nothing is known."""
     null, error = declared.null or 0.0, own.std_error
     if error is None:
         return 0.0
@@ -172,6 +186,7 @@ def _certainty(
         and not p.name.startswith(f"{candidate.name}.")
         and p.min is not None
         and p.min >= 0.0 < p.value
+        and not _is_blurred(p, before)
     ]
     i, found = known[own.name], alone
     for p in scales:
@@ -180,6 +195,15 @@ def _certainty(
         spread = float(relative @ cov[np.ix_([i, j], [i, j])] @ relative)
         found = max(found, float(1.0 / np.sqrt(spread)) if spread > 0.0 else 0.0)
     return found
+
+
+def _is_blurred(parameter: FittedParameter, before: FitResult) -> bool:
+    """Whether a parameter of the model is far less certain with a law than it was `before`."""
+    first = next((p for p in before.parameters if p.name == parameter.name), None)
+    if first is None or not first.std_error or not first.value or parameter.std_error is None:
+        return False
+    now, then = parameter.std_error / abs(parameter.value), first.std_error / abs(first.value)
+    return now > GATES.max_blurred * then and now > 1.0 / GATES.min_significance
 
 
 def told_value(parameter: FittedParameter) -> str:

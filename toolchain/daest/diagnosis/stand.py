@@ -16,7 +16,7 @@ from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import Null, as_recorded, fit_null, refit
-from daest.diagnosis.open_loop import driven_share, simulated_errors
+from daest.diagnosis.open_loop import simulated_errors
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import Reference, bic_gain
 from daest.diagnosis.settled import FAILURES, settled, simulated
@@ -27,7 +27,7 @@ from daest.estimation.records import part_of
 from daest.model.diagnosis import Diagnosis, Proof, VerdictName
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
-from daest.model.fit import Agreement, FitResult, IdentifyOptions
+from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel
 from daest.model.holds import Hold
 from daest.numerics.statistics import chi2
@@ -104,42 +104,26 @@ def _fitted(
 
 
 def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) -> FlatModel | None:
-    """The model with its parameters fixed at those of a fit by simulation, where loads may have taken over
-    what the inputs do: where that simulates far better than the null without its loads, whose errors add up,
-    because they have made of a machine that something holds one that drifts; or where the inputs move it,
-    and the null not. None where the parameters stay free."""
-    if not null.estimated or reference is None:
+    """The model with its parameters fixed at those of a fit by simulation, where that simulates far better
+    than the null without its loads, whose errors add up: loads may have taken over what the inputs do, and
+    have made of a machine that something holds one that drifts. None where the parameters stay free."""
+    if not null.estimated or reference is None or not reference.adds_up:
         return None
     before = reference.fit.simulated.get("estimation")
-    if before is None:
-        return None
-    drifts = reference.adds_up and _fits_at_most(before, GATES.min_driven_fit)
-    if not drifts and not _is_still(null):
+    if (
+        before is None
+        or max(percent or 0.0 for percent in before.fit_percent.values()) > GATES.min_driven_fit
+    ):
         return None
     try:
         fit = identify(flat, null.experiments, IdentifyOptions(method="oe", hold=null.hold))
     except FAILURES:
         return None
-    after = fit.simulated["estimation"]
-    fixed = flat.with_theta(fit.theta)
-    if drifts:
-        is_better = all(after.rms[name] < GATES.max_adrift_ratio * rms for name, rms in before.rms.items())
-    else:
-        known = replace(null, flat=null.flat.with_theta(fit.theta))
-        is_better = not _fits_at_most(after, GATES.min_driven_fit) and not _is_still(known)
-    if not is_better:
+    after = fit.simulated["estimation"].rms
+    if not all(after[name] < GATES.max_adrift_ratio * rms for name, rms in before.rms.items()):
         return None
+    fixed = flat.with_theta(fit.theta)
     return replace(fixed, parameters=tuple(replace(p, estimate=False) for p in fixed.parameters))
-
-
-def _fits_at_most(simulated: Agreement, percent: float) -> bool:
-    return max(found or 0.0 for found in simulated.fit_percent.values()) <= percent
-
-
-def _is_still(model: Null) -> bool:
-    """Whether the inputs hardly move the model, though something moves the machine."""
-    share = driven_share(model)
-    return share is not None and share < GATES.min_driven
 
 
 def _told_fits(null: Null, validation: Sequence[Experiment]) -> tuple[FitResult, Reference | None]:
