@@ -11,6 +11,7 @@ from daest.estimation.records import part_of
 from daest.modelica.effects import effect_library
 
 MODELS = Path(__file__).parent / "models"
+COUNTER = "pulley_speed_abs_ticks_per_s"
 
 
 @pytest.mark.slow
@@ -32,3 +33,20 @@ def test_friction_of_a_geared_servo(shared_data):
     assert {p.candidate.effect.name for p in accepted} == {"LoadDependentFriction"}
     before, after = (fit.simulated["validation"].rms["angle"] for fit in (found.baseline, accepted[0].told))
     assert after < 0.6 * before
+
+
+@pytest.mark.slow
+def test_sensor_of_the_coupled_drives_shows_no_direction(shared_data):
+    """Wigren and Schoukens (2017): the pulse counter of the pulley does not tell which way it turns. Friction,
+    which the drives have as well, says much less."""
+    folder = shared_data / "measured" / "coupled_drives"
+    signals = ([daest.Signal("u", "V", "motor_voltage_sum_V")], [daest.Signal("w", "rad/s", COUNTER)])
+    parts = [
+        daest.read_experiments([folder / f"{level}_{part}.csv" for level in ("low", "high")], *signals)
+        for part in ("train", "test")
+    ]
+    found = diagnose(daest.compile_model(folder / "Drives.mo"), effect_library(), *parts, DiagnoseOptions())
+    accepted = [p for p in found.proofs if p.verdict != "rejected"]
+    assert [p.candidate.label for p in accepted] == ["AbsoluteValueSensor at w"]
+    rivals = [p for p in found.proofs if p.verdict == "rejected"]
+    assert rivals and all(p.delta_bic < 0.5 * accepted[0].delta_bic for p in rivals)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden_plants import model, quiet, rotor_record, rubbing, some_effects
+from hidden_plants import library, model, quiet, rotor_record, rubbing, some_effects
 
 from daest.diagnosis import settled as settling
 from daest.diagnosis.candidates import pairs
@@ -17,7 +17,7 @@ from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import grown
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.proof import prove, with_steady_error
+from daest.diagnosis.proof import _is_much_left, prove, with_steady_error
 from daest.diagnosis.ranking import _ends_in_a_simpler_law, best_accepted, least_hope, ranked
 from daest.diagnosis.reasons import (
     _certainty,
@@ -232,7 +232,7 @@ def test_evidence(gain, delta_bic, p_value, reason):
 )
 def test_sizes_that_prove_nothing(changes, reason):
     prepared, proof = proved()
-    found = weak(prepared, changed_size(proof.fit, **changes))
+    found = weak(prepared, changed_size(proof.fit, **changes), proof.fit)
     assert reason in found and bool(reason) == bool(found)
 
 
@@ -292,7 +292,7 @@ def test_ratios_of_simulation_errors():
 
 def test_size_as_large_as_it_can_be_is_no_weakness():
     prepared, proof = proved()
-    assert weak(prepared, changed_size(proof.fit, at_bound="max", std_error=None)) == ""
+    assert weak(prepared, changed_size(proof.fit, at_bound="max", std_error=None), proof.fit) == ""
 
 
 def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
@@ -340,7 +340,7 @@ def test_richer_law_that_rests_at_a_bound_is_the_simple_one():
 def test_size_that_was_not_estimated_is_no_claim():
     prepared, proof = proved()
     fit = replace(proof.fit, parameters=proof.fit.parameters[:2])
-    assert "was not estimated" in weak(prepared, fit)
+    assert "was not estimated" in weak(prepared, fit, proof.fit)
 
 
 def test_ranking():
@@ -510,6 +510,14 @@ def test_clipping_sensors_are_seen_in_the_recordings():
     # An end stop looks the same where no noise is seen.
     still = Experiment("still", time, u, smooth[:, None], ("u",), ("phi",))
     assert clips_of([still]) == {"phi": Clip(2.5)}
+    # Noise and steps as coarse as it spread what is cut over two levels: the sensor is tried, no more.
+    rng = np.random.default_rng(3)
+    true = np.clip(2.0 + 0.9 * np.sin(0.9 * time) + 0.3 * np.sin(2.3 * time), 0.0, 2.7)
+    read = np.minimum(true + 0.015 * rng.standard_normal(time.size), 2.7)
+    steps = replace(still, outputs=0.03 * np.round(read / 0.03)[:, None])
+    assert clips_of([steps]) == {"phi": Clip(pytest.approx(2.7))}
+    free = 2.0 + 0.9 * np.sin(0.9 * time) + 0.3 * np.sin(2.3 * time) + 0.015 * rng.standard_normal(time.size)
+    assert clips_of([replace(still, outputs=0.03 * np.round(free / 0.03)[:, None])]) == {}
     assert DiagnoseOptions().clips([noisy]) == clips_of([noisy])
     assert DiagnoseOptions(clipped={}).clips([noisy]) == {}
 
@@ -523,17 +531,18 @@ def test_law_of_which_nothing_is_known_is_no_finding():
         parameters = [replace(p, **changes) if p.name == own else p for p in fit.parameters]
         return replace(fit, parameters=tuple(parameters))
 
-    assert not_determined(proof.candidate, proof.fit) == ""
-    assert not_determined(proof.candidate, told(at_bound="max", std_error=None)) == ""
-    vague = not_determined(proof.candidate, told(value=0.15, std_error=0.06))
+    assert not_determined(proof.candidate, proof.fit, proof.fit) == ""
+    assert not_determined(proof.candidate, told(at_bound="max", std_error=None), proof.fit) == ""
+    vague = not_determined(proof.candidate, told(value=0.15, std_error=0.06), proof.fit)
     assert vague == "the data determine none of its parameters (tau_c = 0.15 ± 0.06 N.m)"
-    assert "tau_c = 0.15 N.m" in not_determined(proof.candidate, told(value=0.15, std_error=None))
+    unknown = not_determined(proof.candidate, told(value=0.15, std_error=None), proof.fit)
+    assert "tau_c = 0.15 N.m" in unknown
     # One parameter that is known is enough: a level from which a law acts, say.
     rich = next(e for e in some_effects("StribeckFriction"))
     size = next(p for p in proof.fit.parameters if p.name == own)
     shapes = (replace(size, name=f"{proof.candidate.name}.w_st", value=0.1, std_error=0.01),)
     vaguer = replace(proof.fit, parameters=(replace(size, std_error=None), *shapes))
-    assert not_determined(replace(proof.candidate, effect=rich), vaguer) == ""
+    assert not_determined(replace(proof.candidate, effect=rich), vaguer, proof.fit) == ""
 
 
 def test_torque_is_known_by_its_ratio_where_no_sensor_tells_the_scale_of_all_torques():
@@ -551,18 +560,44 @@ def test_torque_is_known_by_its_ratio_where_no_sensor_tells_the_scale_of_all_tor
         known[i, j] = known[j, i] = correlation
         return replace(fit, parameters=parameters, correlation=known)
 
-    def certainty(fit, effect=candidate.effect):
+    vague = told(0.0)
+
+    def certainty(fit, effect=candidate.effect, before=vague):
         parameter = next(p for p in fit.parameters if p.name == own)
-        return _certainty(replace(candidate, effect=effect), fit, parameter, effect.sizes[0])
+        return _certainty(replace(candidate, effect=effect), fit, parameter, effect.sizes[0], before)
 
     assert certainty(told(0.99)) == pytest.approx(1.0 / (0.4 * np.sqrt(2.0 * 0.01)))
-    assert not_determined(candidate, told(0.99)) == ""
+    assert not_determined(candidate, told(0.99), vague) == ""
     # Nothing in common, or with a parameter that may vanish: the size stands for itself.
     assert certainty(told(0.0)) == pytest.approx(2.5)
     assert certainty(told(0.99, min=None)) == pytest.approx(2.5)
-    assert "tau_c = 0.15 ± 0.06 N.m" in not_determined(candidate, told(0.0))
+    assert "tau_c = 0.15 ± 0.06 N.m" in not_determined(candidate, told(0.0), vague)
     # A lag that is long beside another time is no longer for that.
     assert certainty(told(0.99), replace(candidate.effect, is_dynamic=True)) == pytest.approx(2.5)
+    # Where J was known before, the law only shares with it what was its own.
+    sharp = proof.fit
+    assert certainty(told(0.99), before=sharp) == pytest.approx(2.5)
+    assert "tau_c = 0.15 ± 0.06 N.m" in not_determined(candidate, told(0.99), sharp)
+
+
+def test_a_place_or_a_phase_is_not_known_by_being_off_zero():
+    """A weight of 1.3 ± 4.1 N.m half a turn round, and a rim at 120 ± 18 kPa over which anything flows."""
+    _, proof = proved()
+    size = next(p for p in proof.fit.parameters if p.name.startswith(proof.candidate.name))
+
+    def unknown(effect_name, **values):
+        effect = next(e for e in library() if e.name == effect_name)
+        candidate = replace(proof.candidate, effect=effect)
+        own = [
+            replace(size, name=f"{candidate.name}.{name}", value=value, std_error=error, at_bound=None)
+            for name, (value, error) in values.items()
+        ]
+        return not_determined(candidate, replace(proof.fit, parameters=tuple(own)), proof.fit)
+
+    assert "mgr = 1.3" in unknown("Unbalance", mgr=(1.3, 4.1), phi_0=(3.07, 0.23))
+    assert unknown("Unbalance", mgr=(1.3, 0.1), phi_0=(3.07, 0.23)) == ""
+    assert "p_max" in unknown("Overflow", k=(6.4, 4e5), p_max=(1.2e5, 1.8e4))
+    assert unknown("Overflow", k=(6.4, 4e5), p_max=(4.9e4, 80.0)) == ""
 
 
 def test_parameter_that_is_lost_beside_loads_is_found_again():
@@ -590,6 +625,29 @@ def test_sensor_is_tried_near_its_full_size_from_where_the_user_began():
     begun = {p.name: p.initial for p in stand.null.fit.parameters}
     assert values[0]["J"] == begun["J"]
     assert at_full_size(stand.null, proved()[0]) == (), "friction is no sensor"
+
+
+def test_law_of_a_simulation_is_none_beside_one_that_the_loads_leave_far_likelier():
+    """A dead zone that simulates a little better than a sensor without sign, which is likelier by hundreds."""
+    _, proof = proved()
+    used = InUse(fitted=0.6, unseen=0.9, n_independent=40.0, n_unseen=30.0, certainty=3.0)
+    poor = replace(proof.fit, log_likelihood=proof.fit.log_likelihood - 200.0)
+    name = replace(proof.candidate, name="effect_other")
+    bent = replace(proof, candidate=name, fit=poor, in_use=used, is_by_use=True, is_shown=True)
+    first, second = ranked([bent, proof])
+    assert first.verdict == "supported" and not first.is_by_use
+    assert second.verdict == "rejected" and "far better" in second.reason
+    near = replace(bent, fit=replace(poor, log_likelihood=proof.fit.log_likelihood - 20.0))
+    little = replace(used, fitted=0.05, unseen=0.05, certainty=0.5)
+    assert ranked([near, replace(proof, in_use=little)])[0].candidate is name, "much may go into the loads"
+
+
+def test_law_that_says_all_of_a_curve_may_leave_a_smaller_effect():
+    _, proof = proved()
+    left = replace(proof.left, p_value=1e-5, log_likelihood_gain=20.0)
+    assert not _is_much_left(left, 220.0), "friction beside a sensor without sign"
+    assert _is_much_left(left, 40.0)
+    assert not _is_much_left(replace(left, p_value=0.1), 40.0)
 
 
 def test_without_a_load_everything_is_explained():

@@ -46,7 +46,9 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     them, those come first that foresee unseen data clearly better, then the likeliest. A law that the best
     one only rounds otherwise (`_is_rounded_otherwise`) is not separable from it, either. Where a refused one
     is far more likely, none is the explanation."""
-    order = sorted(_on_one_basis(proofs), key=lambda p: (p.verdict == "rejected", -p.delta_bic))
+    order = sorted(
+        _on_one_basis(_without_hopeless(proofs)), key=lambda p: (p.verdict == "rejected", -p.delta_bic)
+    )
     accepted = [p for p in order if p.verdict == "supported"]
     if not accepted:
         return tuple(order)
@@ -102,6 +104,23 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
                 reason = f"{best.candidate.label} says nearly as much with fewer parameters"
             result.append(replace(proof, verdict="rejected", reason=reason))
     return tuple(sorted(result, key=partial(_place, best)))
+
+
+def _without_hopeless(proofs: Sequence[Proof]) -> list[Proof]:
+    """Laws that are accepted for their simulation are refused where beside loads an accepted one is far more
+    likely, by much more than they simulate better."""
+    seen = [p for p in proofs if p.verdict != "rejected" and not p.is_by_use]
+    best = max(seen, key=lambda p: p.fit.log_likelihood + p.in_use.gain, default=None)
+    if best is None:
+        return list(proofs)
+    most, result = best.fit.log_likelihood + best.in_use.gain, []
+    for proof in proofs:
+        behind = most - proof.fit.log_likelihood - proof.in_use.gain
+        if proof.verdict != "rejected" and proof.is_by_use and behind > GATES.hopeless_log_likelihood:
+            reason = f"{best.candidate.label} explains the data far better (log-likelihood {behind:.0f})"
+            proof = replace(proof, verdict="rejected", reason=reason)
+        result.append(proof)
+    return result
 
 
 def _on_one_basis(proofs: Sequence[Proof]) -> list[Proof]:
