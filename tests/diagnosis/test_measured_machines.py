@@ -37,7 +37,7 @@ def test_friction_of_a_geared_servo(shared_data):
 
 @pytest.mark.slow
 def test_sensor_of_the_coupled_drives_shows_no_direction(shared_data):
-    """Wigren and Schoukens (2017): the pulse counter of the pulley does not tell which way it turns. Friction,
+    """Wigren and Schoukens (2017): the counter of the pulley does not tell which way it turns. Friction,
     which the drives have as well, says much less."""
     folder = shared_data / "measured" / "coupled_drives"
     signals = ([daest.Signal("u", "V", "motor_voltage_sum_V")], [daest.Signal("w", "rad/s", COUNTER)])

@@ -42,7 +42,7 @@ from daest.diagnosis.trials import (
     trials,
 )
 from daest.diagnosis.unseen import steady_misfit
-from daest.model.diagnosis import Ahead, Candidate, InUse, Screen, Screened
+from daest.model.diagnosis import Ahead, Candidate, FreeForm, InUse, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.fit import error_ratios
 from daest.modelica.attach import attach
@@ -628,7 +628,7 @@ def test_sensor_is_tried_near_its_full_size_from_where_the_user_began():
 
 
 def test_law_of_a_simulation_is_none_beside_one_that_the_loads_leave_far_likelier():
-    """A dead zone that simulates a little better than a sensor without sign, which is likelier by hundreds."""
+    """A dead zone that simulates a little better than a sensor without sign, far likelier beside loads."""
     _, proof = proved()
     used = InUse(fitted=0.6, unseen=0.9, n_independent=40.0, n_unseen=30.0, certainty=3.0)
     poor = replace(proof.fit, log_likelihood=proof.fit.log_likelihood - 200.0)
@@ -643,8 +643,9 @@ def test_law_of_a_simulation_is_none_beside_one_that_the_loads_leave_far_likelie
 
 
 def test_law_that_says_all_of_a_curve_may_leave_a_smaller_effect():
-    _, proof = proved()
-    left = replace(proof.left, p_value=1e-5, log_likelihood_gain=20.0)
+    points = np.zeros(2)
+    left = FreeForm(0, "rotor.flange", "rotor.w", "", "N.m", "rad/s", 44.0, 4, 1e-5, points, points, points)
+    assert left.log_likelihood_gain == 20.0
     assert not _is_much_left(left, 220.0), "friction beside a sensor without sign"
     assert _is_much_left(left, 40.0)
     assert not _is_much_left(replace(left, p_value=0.1), 40.0)
