@@ -219,7 +219,7 @@ def test_servo_story(servo, daest):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("folder", "named", "output", "most"),
-    [("cascaded_tanks", "Overflow", "level", 0.6), ("quarter_drone", "Unbalance", "phi", 0.1)],
+    [("cascaded_tanks", {"Saturation", "Weir"}, "level", 0.6), ("quarter_drone", {"Unbalance"}, "phi", 0.1)],
 )
 def test_slow_laws_that_an_observer_hides(
     shared_data, tmp_path, daest, monkeypatch, folder, named, output, most
@@ -233,5 +233,5 @@ def test_slow_laws_that_an_observer_hides(
     )
     assert code == 0, err
     steps = json.loads(out)["steps"]
-    assert named in [step["added"] for step in steps]
+    assert named <= {step["added"] for step in steps}
     assert steps[-1]["rms"]["validation"][output] < most

@@ -13,7 +13,7 @@ from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.numerics import parallel
 
-EFFECTS = ("CoulombFriction", "StribeckFriction", "QuadraticDrag")
+EFFECTS = ("CoulombFriction", "AsymmetricFriction", "LuGreFriction", "DeadZone")
 
 
 def options(**more):
