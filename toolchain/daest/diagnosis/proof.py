@@ -138,7 +138,7 @@ def proof_of(
     prepared, explicit, experiments = found.prepared, found.explicit, found.experiments
     refit, gain, hopeless = found.refit, found.gain, least_hope(leader, prepared.trial.candidate)
     fed, fit = replace(null, experiments=experiments), found.refit.fit
-    n_own = prepared.trial.candidate.n_unknowns
+    n_own = prepared.n_unknowns(null.estimated)
     delta_bic = bic_gain(gain, n_own, null)
     with_effect = grown(fed, prepared.flat, explicit, fit, experiments)
     # Without a load the observer waits until the gates that need none are passed.
@@ -299,7 +299,7 @@ def by_simulation(
     say more than that one: which law it is is no question of chance."""
     explicit = prepared.reduced()
     used = _in_use(null, prepared, explicit, found, validation, reference)
-    n_own = prepared.trial.candidate.n_unknowns
+    n_own = prepared.n_unknowns(null.estimated)
     is_shown = speaks_for(used, n_own) or (accepted is not None and says_more_in_use(used, accepted.in_use))
     refused = not is_shown or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
     candidate = prepared.trial.candidate

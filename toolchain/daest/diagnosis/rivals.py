@@ -201,7 +201,7 @@ def best_dynamic(null: Null, parts: Sequence[DynamicFits]) -> tuple[Prepared, ..
             value, first = found[same]
             alike = (*first.trial.alike, best[1].trial.candidate)
             found[same] = (value, replace(first, trial=replace(first.trial, alike=alike)))
-    found.sort(key=lambda pair: -bic_gain(pair[0], pair[1].trial.candidate.n_unknowns, null))
+    found.sort(key=lambda pair: -bic_gain(pair[0], pair[1].n_unknowns(null.estimated), null))
     return tuple(prepared for _, prepared in found[:MOST_DYNAMIC])
 
 

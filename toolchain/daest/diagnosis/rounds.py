@@ -75,7 +75,7 @@ def gains_beside(stand: Stand, first: Proof, trial: Trial, sharper: float = 1.0)
         model = replace(model, experiments=fed(model.experiments, trial.candidate))
         fit = refitted(prepared.flat, prepared.reduced(), prepared.names, model).fit
     gain = fit.log_likelihood - first.fit.log_likelihood
-    return bic_gain(gain, trial.candidate.n_unknowns, model) >= GATES.min_bic_gain
+    return bic_gain(gain, prepared.n_unknowns(model.estimated), model) >= GATES.min_bic_gain
 
 
 def proved_beside(stand: Stand, trial: Trial, values: Mapping[str, float], sharper: float = 1.0) -> Proof:

@@ -137,6 +137,10 @@ class Prepared:
     simulated: float = -np.inf
     explicit: ExplicitModel | None = None
 
+    def n_unknowns(self, estimated: Sequence[str]) -> int:
+        """How much its fit is free in beside that of the model as it is, with these parameters `estimated`."""
+        return len(self.names) - len(estimated) + self.trial.candidate.n_memory
+
     def reduced(self) -> ExplicitModel:
         """The explicit form of the model. Raises what `reduce_index` raises."""
         return reduce_index(self.flat) if self.explicit is None else self.explicit

@@ -63,11 +63,15 @@ class Candidate:
         return self.effect.is_dynamic and not self.keeps_order
 
     @property
+    def n_memory(self) -> int:
+        """The number of states that the effect adds. Their starts are free, and those of a dead time, which
+        has ten, follow any transient: each counts as a parameter."""
+        return self.effect.n_states if self.is_dynamic else 0
+
+    @property
     def n_unknowns(self) -> int:
-        """How much a fit with the effect is free in beside one without it: the parameters that are estimated,
-        and the states that it adds. Their starts are free, and those of a dead time, which has ten, follow
-        any transient: each counts as a parameter."""
-        return len(self.estimated) + (self.effect.n_states if self.is_dynamic else 0)
+        """How much a fit with the effect is free in beside one without it."""
+        return len(self.estimated) + self.n_memory
 
     @property
     def is_of_signal(self) -> bool:
