@@ -138,7 +138,7 @@ class Prepared:
     explicit: ExplicitModel | None = None
 
     def n_unknowns(self, estimated: Sequence[str]) -> int:
-        """How much its fit is free in beside that of the model as it is, with these parameters `estimated`."""
+        """How much its fit is free in beside that of the model as it is, whose `estimated` ones are those."""
         return len(self.names) - len(estimated) + self.trial.candidate.n_memory
 
     def reduced(self) -> ExplicitModel:
