@@ -16,7 +16,7 @@ from daest.data.faults import Samples, column_findings, saturation
 from daest.diagnosis.gates import GATES
 from daest.model.diagnosis import Candidate
 from daest.model.effects import Effect
-from daest.model.experiment import Experiment
+from daest.model.experiment import Experiment, Finding
 from daest.model.flat import FlatModel
 from daest.modelica.attach import attach, components_with
 from daest.modelica.place_units import units_at
@@ -56,16 +56,15 @@ def _limits(samples: Samples) -> tuple[list[float], list[float]]:
     coarse steps spread what a limit piles up over the levels below it."""
     faults = column_findings(samples, 0)
     seen = [one for one in faults if one.code == "check-saturation"]
-    suspected = [] if faults else saturation(samples, GATES.min_tried_pile)
-    levels = [
-        [
-            abs(float(samples.values[int(np.argmin(np.abs(samples.time - one.at)))]))
-            for one in findings
-            if one.at is not None
-        ]
-        for findings in (seen, suspected)
-    ]
-    return levels[0], levels[1]
+    is_special = seen or any(one.code == "check-dropouts" for one in faults)
+    suspected = [] if is_special else saturation(samples, GATES.min_tried_pile)
+    return _magnitudes(samples, seen), _magnitudes(samples, suspected)
+
+
+def _magnitudes(samples: Samples, findings: Sequence[Finding]) -> list[float]:
+    """Of a signal where findings were made."""
+    times = [one.at for one in findings if one.at is not None]
+    return [abs(float(samples.values[int(np.argmin(np.abs(samples.time - at)))])) for at in times]
 
 
 @dataclass(frozen=True)

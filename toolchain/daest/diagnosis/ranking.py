@@ -46,9 +46,8 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     them, those come first that foresee unseen data clearly better, then the likeliest. A law that the best
     one only rounds otherwise (`_is_rounded_otherwise`) is not separable from it, either. Where a refused one
     is far more likely, none is the explanation."""
-    order = sorted(
-        _on_one_basis(_without_hopeless(proofs)), key=lambda p: (p.verdict == "rejected", -p.delta_bic)
-    )
+    compared = _on_one_basis(_without_hopeless(proofs))
+    order = sorted(compared, key=lambda p: (p.verdict == "rejected", -p.delta_bic))
     accepted = [p for p in order if p.verdict == "supported"]
     if not accepted:
         return tuple(order)
