@@ -518,6 +518,10 @@ def test_clipping_sensors_are_seen_in_the_recordings():
     assert clips_of([steps]) == {"phi": Clip(pytest.approx(2.7))}
     free = 2.0 + 0.9 * np.sin(0.9 * time) + 0.3 * np.sin(2.3 * time) + 0.015 * rng.standard_normal(time.size)
     assert clips_of([replace(still, outputs=0.03 * np.round(free / 0.03)[:, None])]) == {}
+    # A switch, and a record of a few samples, tell of no limit.
+    switch = replace(still, outputs=np.where(np.sin(time) > 0.0, 2.5, -2.5)[:, None])
+    constant = replace(still, outputs=np.full((2000, 1), 2.5))
+    assert clips_of([switch]) == clips_of([constant]) == {}
     assert DiagnoseOptions().clips([noisy]) == clips_of([noisy])
     assert DiagnoseOptions(clipped={}).clips([noisy]) == {}
 

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from functools import cache
 
 import casadi as ca
 import hand_models as hand
@@ -179,13 +178,8 @@ def test_process_noise_is_found_with_its_size():
     assert load.std_error < 0.2 * load.value
 
 
-@cache
-def without_process_noise():
-    return identify(rig(noise=UNKNOWN_NOISE), [simulated(4)], replace(ONCE, split=0.5))
-
-
 def test_process_noise_that_is_not_there_is_said_to_be_absent():
-    result = without_process_noise()
+    result = identify(rig(noise=UNKNOWN_NOISE), [simulated(4)], ONCE)
     (load,) = [n for n in result.noises if n.kind == "process"]
     assert load.at_bound == "min"
     assert load.std_error is None
@@ -380,15 +374,18 @@ def with_slow_noise():
     return replace(quiet, outputs=quiet.outputs + slow)
 
 
-def test_document_is_plain_json_without_nan():
-    content = document(without_process_noise())
+def test_document_is_plain_json_without_nan(shared_data):
+    experiment, truth = known(shared_data, 7)
+    family = hand.servo({**truth, **hand.REPORT_START}, noise=UNKNOWN_NOISE)
+    result = identify(family, [experiment], replace(ONCE, split=0.5))
+    content = document(result)
     assert json.loads(json.dumps(content, allow_nan=False)) == content
     assert set(content["parameters"]["J1"]) == {
         "value", "std_error", "initial", "unit", "min", "max", "at_bound", "prior",
     }  # fmt: skip
     assert set(content["fit_percent"]) == {"estimation", "validation"}
     assert set(content["one_step"]["rms"]["validation"]) == {"omega", "phi"}
-    assert content["theta"]["R"] == TRUE["R"]
+    assert content["theta"]["R"] == truth["R"]
 
 
 # Refusals

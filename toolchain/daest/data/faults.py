@@ -149,9 +149,9 @@ def column_findings(samples: Samples, n_missing: int) -> list[Finding]:
     if samples.values.size < FEWEST or n_levels <= LEVELS:
         return found
     if samples.role == "input":
-        return found + saturation(samples)
+        return found + _saturation(samples)
     # A value that a signal drops to, or is limited to, is neither an outlier nor where a sensor got stuck.
-    special = _drops(samples) or saturation(samples)
+    special = _drops(samples) or _saturation(samples)
     spikes = [] if special and special[0].code == "check-dropouts" else _outliers(samples)
     return [*found, *special, *spikes, *([] if special else _stuck(samples)), *_coarse(samples)]
 
@@ -186,9 +186,15 @@ def _missing(samples: Samples, n_missing: int) -> list[Finding]:
     return [Finding("check-missing", level, samples.name, text, count=n_missing)]
 
 
-def saturation(samples: Samples, pile: float = PILE) -> list[Finding]:
-    """The limits at which a signal stays, at each of which it has `pile` times more samples than at the next
-    levels on average."""
+def suspected_limits(samples: Samples, pile: float) -> list[Finding]:
+    """The limits of a measurement as `column_findings` finds them, but from `pile` times more samples than at
+    the next levels on."""
+    if samples.values.size < FEWEST or samples.levels[0].size <= LEVELS or _drops(samples):
+        return []
+    return _saturation(samples, pile)
+
+
+def _saturation(samples: Samples, pile: float = PILE) -> list[Finding]:
     values, (levels, counts) = samples.values, samples.levels
     found = []
     for at_end, name in ((-1, "upper"), (0, "lower")):

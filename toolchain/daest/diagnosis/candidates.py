@@ -165,8 +165,10 @@ def _values(flat: FlatModel, candidates: Sequence[Candidate]) -> dict[str, float
 def _differ_in_values(one: FlatModel, other: FlatModel) -> bool:
     """Whether two models are one but for the values of their parameters."""
     rest = [f.name for f in fields(FlatModel) if f.name != "parameters"]
-    return all(getattr(one, name) is getattr(other, name) for name in rest) and all(
-        a == replace(b, value=a.value) for a, b in zip(one.parameters, other.parameters, strict=True)
+    return (
+        len(one.parameters) == len(other.parameters)
+        and all(getattr(one, name) is getattr(other, name) for name in rest)
+        and all(a == replace(b, value=a.value) for a, b in zip(one.parameters, other.parameters, strict=True))
     )
 
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.data.faults import Samples, column_findings, saturation
+from daest.data.faults import Samples, column_findings, suspected_limits
 from daest.diagnosis.gates import GATES
 from daest.model.diagnosis import Candidate
 from daest.model.effects import Effect
-from daest.model.experiment import Experiment, Finding
+from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.modelica.attach import attach, components_with
 from daest.modelica.place_units import units_at
@@ -42,29 +42,23 @@ def clips_of(experiments: Sequence[Experiment]) -> dict[str, Clip]:
         for name, values in zip(experiment.output_names, experiment.outputs.T, strict=True):
             known = np.isfinite(values)
             samples = Samples(name, "output", experiment.time[known], values[known])
-            seen, suspected = _limits(samples) if samples.values.size else ([], [])
-            clips = [Clip(limit, samples.noise is not None) for limit in seen]
-            clips += [Clip(limit) for limit in suspected]
             others = [found[name]] if name in found else []
+            clips = [*others, *_clips(samples)]
             if clips:
-                found[name] = max([*clips, *others], key=lambda one: (one.is_certain, one.limit))
+                found[name] = max(clips, key=lambda one: (one.is_certain, one.limit))
     return found
 
 
-def _limits(samples: Samples) -> tuple[list[float], list[float]]:
-    """The magnitudes at which a signal is seen to stay; where it is at none, those at which it may: noise and
-    coarse steps spread what a limit piles up over the levels below it."""
-    faults = column_findings(samples, 0)
-    seen = [one for one in faults if one.code == "check-saturation"]
-    is_special = seen or any(one.code == "check-dropouts" for one in faults)
-    suspected = [] if is_special else saturation(samples, GATES.min_tried_pile)
-    return _magnitudes(samples, seen), _magnitudes(samples, suspected)
-
-
-def _magnitudes(samples: Samples, findings: Sequence[Finding]) -> list[float]:
-    """Of a signal where findings were made."""
-    times = [one.at for one in findings if one.at is not None]
-    return [abs(float(samples.values[int(np.argmin(np.abs(samples.time - at)))])) for at in times]
+def _clips(samples: Samples) -> list[Clip]:
+    """Where a signal is seen to stay; where that is nowhere, where it may: noise and coarse steps spread what
+    a limit piles up over the levels below it."""
+    if not samples.values.size:
+        return []
+    seen = [one for one in column_findings(samples, 0) if one.code == "check-saturation"]
+    is_certain = bool(seen) and samples.noise is not None
+    times = [one.at for one in seen or suspected_limits(samples, GATES.min_tried_pile) if one.at is not None]
+    values = samples.values[[int(np.argmin(np.abs(samples.time - at))) for at in times]]
+    return [Clip(abs(float(value)), is_certain) for value in values]
 
 
 @dataclass(frozen=True)
