@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from daest.diagnosis.candidates import pairs
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.model.experiment import Experiment
+from daest.modelica.attach import attach
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library
+from daest.modelica.effects import effect_library, find_effect
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import sites
 
@@ -24,6 +26,42 @@ equation
   A*der(h) = inflow - k*h;
   level = h;
 end Tank;
+"""
+PAIR = b"""model Pair
+  parameter Real A(unit = "m2") = 0.5;
+  parameter Real a1(unit = "m2/s", min = 0) = 0.1 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real a2(unit = "m2/s", min = 0) = 0.1 annotation(__Daest(estimate = true, scale = "log"));
+  input Real q(unit = "m3/s");
+  Real h1(unit = "m", start = 0.2);
+  Real h2(unit = "m", start = 0.1);
+  output Real level(unit = "m");
+equation
+  A*der(h1) = q - a1*h1;
+  A*der(h2) = a1*h1 - a2*h2;
+  level = h2;
+end Pair;
+"""
+CASCADE = b"""model Cascade
+  parameter Real R(min = 0) = 1 annotation(__Daest(estimate = true, scale = "log"));
+  Daest.Blocks.Interfaces.RealInput u;
+  Daest.Blocks.Interfaces.RealOutput level;
+  Daest.Hydraulic.Sources.PrescribedFlow pump;
+  Daest.Hydraulic.Components.Tank upper(A = 1);
+  Daest.Hydraulic.Components.LinearResistance drain(R = R);
+  Daest.Hydraulic.Components.Tank lower(A = 1);
+  Daest.Hydraulic.Components.LinearResistance outlet(R = R);
+  Daest.Hydraulic.Sources.FixedPressure ambient;
+  Daest.Hydraulic.Sensors.LevelSensor sensor;
+equation
+  connect(u, pump.q);
+  connect(pump.port, upper.inlet);
+  connect(upper.outlet, drain.port_a);
+  connect(drain.port_b, lower.inlet);
+  connect(lower.outlet, outlet.port_a);
+  connect(outlet.port_b, ambient.port);
+  connect(lower.outlet, sensor.port);
+  connect(sensor.level, level);
+end Cascade;
 """
 LAG = b"""model Slide
   input Real wanted(unit = "m");
@@ -47,6 +85,45 @@ def test_level_is_a_place_for_flows_and_a_position_is_none() -> None:
     outlet = next(e for e in effect_library() if e.name == "FreeOutlet")
     assert {name: units_at(flat, outlet, place)[name] for name in ("k", "p_0")} == {"k": "m3/s", "p_0": "m"}
     assert not [site for site in sites(compile_text(LAG, Path("Slide.mo"))) if site.kind == "equation"]
+
+
+def test_what_flows_to_ground_leaves_the_model() -> None:
+    """Between a tank and the surroundings a pipe that leads down is a free outlet of the tank."""
+    places = sites(compile_text(CASCADE, Path("Cascade.mo")))
+    outlet, pipe = (find_effect(f"Hydraulic.{name}") for name in ("FreeOutlet", "Downpipe"))
+    tried = {c.label for c in pairs([outlet, pipe], places)}
+    assert tried == {
+        *("FreeOutlet at upper.outlet", "FreeOutlet at lower.outlet"),
+        *("Downpipe at drain", "Downpipe at upper.outlet, lower.outlet"),
+    }
+    assert "Downpipe at outlet" in {c.label for c in pairs([pipe], places)}
+
+
+@pytest.mark.slow
+def test_outlets_of_a_cascade_are_named_one_after_the_other() -> None:
+    """The outlet of each tank follows a square root; the level of the lower one is measured."""
+    rng, area, k_1, k_2 = np.random.default_rng(6), 0.5, 0.125, 0.127
+    time = 0.2 * np.arange(2400)
+    drive = np.repeat(rng.uniform(0.02, 0.09, 16), 150)
+
+    def rate(t, h):
+        down, out = k_1 * np.sqrt(max(h[0], 0.0)), k_2 * np.sqrt(max(h[1], 0.0))
+        return [(drive[min(int(t / 0.2), 2399)] - down) / area, (down - out) / area]
+
+    run = solve_ivp(rate, (0.0, time[-1]), [0.2, 0.1], "LSODA", time, max_step=0.2, rtol=1e-8, atol=1e-10)
+    level = run.y[1] + rng.normal(0.0, 5e-3, time.size)
+    record = Experiment("run", time, drive[:, None], level[:, None], ("q",), ("level",))
+    flat = compile_text(PAIR, Path("Pair.mo"))
+    names = ("FreeOutlet", "Downpipe", "Weir", "Overflow", "QuadraticGain")
+    first = diagnose(flat, effect_library(), [record], (), DiagnoseOptions(effects=names, hold="zoh"))
+    assert first.verdict == "supported", first.message
+    law = first.proofs[0].candidate
+    assert law.label == "FreeOutlet at 1:h2"
+    values = {p.name.rpartition(".")[2]: p.value for p in first.proofs[0].told.parameters if "." in p.name}
+    wider = attach(flat, law.effect, law.site, values={**law.shape, **values})
+    second = diagnose(wider, effect_library(), [record], (), DiagnoseOptions(effects=names, hold="zoh"))
+    assert second.verdict == "supported", second.message
+    assert second.proofs[0].candidate.effect.name == "Downpipe"
 
 
 @pytest.mark.slow

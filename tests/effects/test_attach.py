@@ -68,6 +68,7 @@ def test_null_is_the_nominal_model(effect, site) -> None:
         *(
             "Hydraulic.Overflow",
             "Hydraulic.Weir",
+            "Hydraulic.Downpipe",
             "Hydraulic.Orifice",
             "Signals.DeadZone",
             "Signals.Saturation",

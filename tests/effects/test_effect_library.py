@@ -42,7 +42,7 @@ EXPECTED = {
         ]
     ),
     "Thermal": frozenset(["Radiation", "MeasuredHeatGain", "MeasuredVentilation"]),
-    "Hydraulic": frozenset(["Orifice", "Overflow", "Weir"]),
+    "Hydraulic": frozenset(["Orifice", "Overflow", "Weir", "Downpipe", "FreeOutlet"]),
     "Signals": frozenset(
         [
             *("DeadZone", "Saturation", "Offset", "Gain", "QuadraticGain", "Lag", "Delay"),

@@ -48,13 +48,29 @@ def tanks(_, h):
     return [(0.5 - 0.1 * h[0] - flow) / 2, (-0.3 * h[1] + flow) / 3]
 
 
+def cascade(_, h):
+    flow = 0.2 * np.sqrt((h[0] - 0.1 + np.hypot(h[0] - 0.1, 0.01)) / 2)
+    return [(0.5 - 0.1 * h[0] - flow) / 2, (-0.3 * h[1] + flow) / 3]
+
+
 CASES = {
     "Rooms": (ROOMS, "Thermal.Conduction", {"G": 4.0}, 500.0, 2000.0, rooms, [20.0, 290.0]),
     "Tanks": (TANKS, "Hydraulic.Weir", {"k": 0.7, "p_max": 0.5, "p_s": 0.01}, 0.5, 5.0, tanks, [1.0, 0.2]),
+    "Cascade": (
+        TANKS.replace("Tanks", "Cascade"),
+        "Hydraulic.Downpipe",
+        {"k": 0.2, "p_0": 0.1, "p_s": 0.01},
+        0.5,
+        5.0,
+        cascade,
+        [1.0, 0.2],
+    ),
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param("Rooms", marks=pytest.mark.slow), "Tanks"])
+@pytest.mark.parametrize(
+    "name", [*(pytest.param(name, marks=pytest.mark.slow) for name in ("Rooms", "Tanks")), "Cascade"]
+)
 def test_flow_leaves_one_balance_and_enters_the_other(tmp_path, name):
     text, class_name, values, u, end, rate, start = CASES[name]
     path = tmp_path / f"{name}.mo"

@@ -89,6 +89,7 @@ OTHERS: dict[str, tuple[str, Law]] = {
     "Orifice": ("dp", lambda v: v["k"] * v["q"] * np.hypot(v["q"], v["q_s"])),
     "Overflow": ("q", lambda v: -v["k"] * ramp(v["p"] - v["p_max"], v["p_s"])),
     "Weir": ("q", lambda v: v["k"] * ramp(v["p"] - v["p_max"], v["p_s"])),
+    "Downpipe": ("q", lambda v: v["k"] * np.sqrt(ramp(v["p"] - v["p_0"], v["p_s"]) / v["p_1"])),
     "FreeOutlet": ("q", lambda v: -v["k"] * np.sqrt(ramp(v["p"] - v["p_0"], v["p_s"]) / v["p_1"])),
     "TurbulentLine": (
         "q",

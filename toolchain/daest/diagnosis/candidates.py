@@ -36,13 +36,19 @@ def pairs(
     effects: Sequence[Effect], places: Sequence[Site], columns: Sequence[str] = ()
 ) -> tuple[Candidate, ...]:
     """Effects at sites, shapes not yet chosen. Effects that need a measured signal are tried with every one
-    of `columns`, the recorded signals that the model does not use."""
+    of `columns`, the recorded signals that the model does not use.
+
+    What flows to ground leaves the model: an effect between two nodes that would say
+    the same as one of a single node is left out."""
     found: list[Candidate] = []
+    names = {effect.name for effect in effects}
     for effect in effects:
         if effect.name.startswith(LEARNED):
             continue
         for site in places:
             if site.kind in NO_SITES or not fits(effect, site):
+                continue
+            if site.is_grounded and effect.grounded in names:
                 continue
             supplies = [{effect.inputs[0]: c} for c in columns] if effect.inputs else [{}]
             found += [

@@ -72,7 +72,8 @@ class Effect:
     that no derivative with respect to them exists there. `n_states` counts the effect's own states that it
     has besides those of the motion of its connectors. `outside` tells where it is tried at an FMU without
     equations: at its inputs, at its outputs, or not at all. `sum_of` names the effects that it is the sum of:
-    beside all but one of them, it is the one that is left.
+    beside all but one of them, it is the one that is left. `grounded` names the effect at one connector
+    that it is where an end of its place is grounded.
     """
 
     name: str
@@ -89,6 +90,7 @@ class Effect:
     inputs: tuple[str, ...] = ()
     outside: Literal["", "input", "output"] = ""
     sum_of: tuple[str, ...] = ()
+    grounded: str = ""
     documentation: str = ""
     libraries: tuple[str, ...] = ()  # folders besides the bundled library that the class was read from
 
@@ -117,7 +119,8 @@ class Site:
     along a path or of pressures along a pipe, called `2:i` by its index and its current or flow; a "terminal"
     is an output voltage at which an input current flows, called `u:i` by both. `aliases` are other names for
     the same place; `parameters` what the place has of its own: names as an effect asks for them, `c` for a
-    stiffness, and those of the model's parameters.
+    stiffness, and those of the model's parameters. `is_grounded`: the potential of its end a is
+    constant, so that nothing drives a flow there, or that of b is, by a component of one connector.
     """
 
     name: str
@@ -126,6 +129,7 @@ class Site:
     connectors: tuple[str, ...] = ()
     aliases: tuple[str, ...] = ()
     parameters: tuple[tuple[str, str], ...] = ()
+    is_grounded: bool = False
 
     @property
     def told(self) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import casadi as ca
@@ -333,7 +334,8 @@ class Network:
                 name = component if len(pairs) == 1 else f"{a.name}, {b.name}"
                 aliases = (f"{a.name}, {b.name}",) if len(pairs) == 1 else ()
                 own = self._parameters(component)
-                found.append(Site(name, "component", a.domain, (a.name, b.name), aliases, own))
+                ends = (a.name, b.name)
+                found.append(Site(name, "component", a.domain, ends, aliases, own, self.is_grounded(*ends)))
         return found
 
     def _parameters(self, component: str) -> tuple[tuple[str, str], ...]:
@@ -404,6 +406,23 @@ class Network:
         changes."""
         one = self.connectors[connector]
         return _in_row_space(self._matrix(one.component), {one.flow: 1.0})
+
+    def is_grounded(self, a: str, b: str) -> bool:
+        """Whether the node of `a` is held at a constant potential, or that of `b` by a component of one
+        connector, as by ground. A tank that is filled from above holds the pressure at its inlet, too, but
+        keeps what flows in."""
+        return a in self._held or b in self._grounds
+
+    @cached_property
+    def _held(self) -> frozenset[str]:
+        nodes = self._members().values()
+        return frozenset(name for node in nodes if self.is_held(node) for name in node)
+
+    @cached_property
+    def _grounds(self) -> frozenset[str]:
+        alone = {name for name, one in self.connectors.items() if len(self._components[one.component]) == 1}
+        nodes = self._members().values()
+        return frozenset(name for node in nodes if self.is_held(alone.intersection(node)) for name in node)
 
     def is_held(self, node: Iterable[str]) -> bool:
         """Whether a component of the node holds its potential constant."""
@@ -483,5 +502,7 @@ def _pairs(net: Network) -> list[Site]:
     for a, b in combinations(nodes, 2):
         ends = frozenset((net.node_of(a.name), net.node_of(b.name)))
         if a.domain == b.domain and ends not in joined and not {a.name, b.name} <= held:
-            found.append(Site(f"{a.name}, {b.name}", "pair", a.domain, (a.name, b.name)))
+            pair = (a.name, b.name)
+            grounded = net.is_grounded(*pair)
+            found.append(Site(", ".join(pair), "pair", a.domain, pair, is_grounded=grounded))
     return found

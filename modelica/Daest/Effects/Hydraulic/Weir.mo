@@ -12,7 +12,8 @@ equation
   p = port_a.p;
   q = k*(p - p_max + sqrt((p - p_max)^2 + p_s^2))/2;
   annotation(
-    __Daest(effect = true, attach = "parallel", law = "q = k*(p - p_max + sqrt((p - p_max)^2 + p_s^2))/2"),
+    __Daest(effect = true, attach = "parallel", grounded = "Overflow",
+      law = "q = k*(p - p_max + sqrt((p - p_max)^2 + p_s^2))/2"),
     Documentation(info = "It lies beside the outlet of a tank, from its bottom, where the pressure tells the
 level, to the next vessel. What runs over arrives there; what misses it is an Overflow besides."));
 end Weir;
