@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.disturbance import SmoothedLoad
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.late_signals import late_signals
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.ranking import (
     best_accepted,
@@ -97,6 +98,8 @@ class Course:
         n_used = sum(any(one is other for other in chosen) for one in leading[:n_used])
         fits = stages.dynamic(self.candidates)
         ahead, dynamic = stages.by_what_they_simulate(best_dynamic(null, in_time(fits)))
+        late = late_signals(null, self.loads.run, self.candidates)
+        dynamic += stages.prepared(_untried(late.lags, [one.trial.candidate for one in dynamic]))
         proofs: list[Proof] = []
         for one in ahead:
             proofs += stages.proved([one], proofs)[0]
@@ -112,6 +115,9 @@ class Course:
             proofs += stages.proved(rest, proofs)[0]
             rest = []
         proofs = stages.proved(dynamic, proofs)[0] + proofs
+        if not is_settled(ranked(proofs)):
+            dead_times = _untried(late.dead_times, [proof.candidate for proof in proofs])
+            proofs = stages.proved(stages.prepared(dead_times), proofs)[0] + proofs
         self.watched(ranked(proofs))
         best = best_accepted(ranked(proofs))
         others = [*chosen[max(FIRST_TRIALS, n_first) :], *not_begun_by(best, richer)]
@@ -168,6 +174,11 @@ class Course:
             proofs += stages.proved(stages.storage(found, self.candidates, proofs), proofs)[0]
             proofs += stages.proved(stages.bent(found, self.candidates, proofs), proofs)[0]
         return proofs
+
+
+def _untried(trials: Sequence[Trial], tried: Sequence[Candidate]) -> list[Trial]:
+    """The trials but those of laws that are tried already."""
+    return [trial for trial in trials if not any(_is_same(trial, candidate) for candidate in tried)]
 
 
 def _by_states(chosen: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:

@@ -188,7 +188,7 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
 
     Raises EstimationError `diagnose-no-candidate`.
     """
-    present = _already_there(null, candidates)
+    present = already_there(null, candidates)
     regular = [c for c, there in zip(candidates, present, strict=True) if not there and not c.is_dynamic]
     fitted = "fitted by simulation, not screened"
     if not has_affine_dynamics(null.explicit):
@@ -291,7 +291,7 @@ def _screened(
     ends = np.cumsum([0, *(len(c.effect.sizes) for c in usable)]).tolist()
     columns = [slice(begin, end) for begin, end in pairwise(ends)]
     directions = nuisance(run, len(null.estimated))
-    rescaling = np.vstack([directions, _loads_rescaled(null, run)])
+    rescaling = np.vstack([directions, loads_rescaled(null, run)])
     return scored(
         usable,
         columns,
@@ -329,7 +329,7 @@ def _responding(null: Null, run: NullObserver, static: Sequence[Candidate]) -> _
     return _Responding(usable, responses, (*refused, *refused_shapes))
 
 
-def _already_there(null: Null, candidates: Sequence[Candidate]) -> list[str]:
+def already_there(null: Null, candidates: Sequence[Candidate]) -> list[str]:
     """Of every candidate, which component of the model says what a second one at the same place would say:
     one with the same equations whose parameters are estimated, or the limit of a sensor that is seen to clip.
     Empty where there is none."""
@@ -341,7 +341,7 @@ def _already_there(null: Null, candidates: Sequence[Candidate]) -> list[str]:
     return [f"the model contains it already: `{peer}`" if peer else "" for peer in peers]
 
 
-def _loads_rescaled(null: Null, run: NullObserver) -> np.ndarray:
+def loads_rescaled(null: Null, run: NullObserver) -> np.ndarray:
     """Responses (n_loads, m) of the whitened innovations to loads that grow in proportion.
 
     What only rescales estimated parameters rescales the unknown loads with them, which the observer holds to
@@ -385,28 +385,56 @@ def _responses(
 ) -> np.ndarray:
     """Responses (k, m) of the whitened innovations to each size of the candidates, in their order."""
     names = [name for c in candidates for name in size_names(c)]
+    parts = []
+    for number, entries in enumerate(entries_along(null, run, explicit, names)):
+        experiment = null.experiments[number]
+        rows = np.empty((len(names), experiment.outputs.size))
+        for several in _several(len(names), experiment.n_samples * entries.n_states):
+            ends, shown = entries.of(several)
+            rows[several] = innovation_responses(run, number, experiment, ends, shown)
+        parts.append(rows)
+    return np.concatenate(parts, axis=1)
+
+
+@dataclass(frozen=True)
+class Entries:
+    """Where parameters enter the model along one recording: what each does to the rates of the `n_states`
+    states, at the start and at the end of every interval, and to the `n_outputs` outputs at every sample."""
+
+    at_starts: _Drives
+    at_ends: _Drives
+    direct: _Drives
+    n_states: int
+    n_outputs: int
+
+    def of(self, several: range) -> tuple[np.ndarray, np.ndarray]:
+        """Of some of the parameters: (k, 2, n_samples - 1, n_states) and (k, n_samples, n_outputs)."""
+        ends = [
+            self.at_starts.of(several, slice(0, -1), self.n_states),
+            self.at_ends.of(several, slice(1, None), self.n_states),
+        ]
+        return np.stack(ends, axis=1), self.direct.of(several, slice(None), self.n_outputs)
+
+
+def entries_along(
+    null: Null, run: NullObserver, explicit: ExplicitModel, names: Sequence[str]
+) -> Iterator[Entries]:
+    """How the parameters `names` of `explicit` enter, for each experiment, along the states of the null's
+    observer: the filtered ones, and at the end of an interval the predicted ones, since what an effect does
+    to an innovation must not know that innovation."""
     grown = grown_states(null.explicit, null.theta, run.observed[0].filtered.mean(axis=0), explicit)
     back = grown.rows_without_effects()
     of_rates, of_outputs = _drive_functions(explicit, names, back)
-    n_states, n_outputs = back.shape[1], len(null.flat.outputs)
-    parts = []
-    for number, (experiment, observed) in enumerate(zip(null.experiments, run.observed, strict=True)):
+    for experiment, observed in zip(null.experiments, run.observed, strict=True):
         time, (first, last) = experiment.time, _driven_inputs(null, explicit, experiment)
-        # What an effect does to an innovation must not know that innovation.
         filtered, predicted = (grown.along(time, x, first) for x in (observed.filtered, observed.predicted))
-        at_starts = _drives(explicit, of_rates, time, filtered, first)
-        at_ends = _drives(explicit, of_rates, time, predicted, last)
-        direct = _drives(explicit, of_outputs, time, predicted, last)
-        rows = np.empty((len(names), experiment.outputs.size))
-        for several in _several(len(names), experiment.n_samples * n_states):
-            ends = [
-                at_starts.of(several, slice(0, -1), n_states),
-                at_ends.of(several, slice(1, None), n_states),
-            ]
-            shown = direct.of(several, slice(None), n_outputs)
-            rows[several] = innovation_responses(run, number, experiment, np.stack(ends, axis=1), shown)
-        parts.append(rows)
-    return np.concatenate(parts, axis=1)
+        yield Entries(
+            at_starts=_drives(explicit, of_rates, time, filtered, first),
+            at_ends=_drives(explicit, of_rates, time, predicted, last),
+            direct=_drives(explicit, of_outputs, time, predicted, last),
+            n_states=back.shape[1],
+            n_outputs=len(null.flat.outputs),
+        )
 
 
 def _several(count: int, each: int) -> Iterator[range]:

@@ -63,6 +63,13 @@ def settled(
             break
     if found is None or _has_run_away(found.fit, experiments):
         return None
+    if not is_rough:
+        given = _given(null)
+        if _is_flat(found.fit, given):
+            again = replace(explicit, flat=started.with_theta(given))
+            other = _found(null, again.flat, again, names, experiments, is_rough)
+            if other is not None and other.fit.log_likelihood > found.fit.log_likelihood:
+                found = other
     run = run_null(grown(null, started, explicit, found.fit, experiments))
     told = found.simulated(validation, ROUGH_START) if is_rough else found.simulated(validation)
     return replace(told, parameters=_uncertain(found.fit, fit, run)), run
@@ -123,7 +130,7 @@ def simulated(
         second_look=False,
         shooting=1,
     )
-    given = {p.name: p.initial for p in null.fit.parameters if p.name in null.estimated}
+    given = _given(null)
     ends: list[FitResult] = []
     for start in (*starts, {**begun, **given}):
         if len(ends) == len(starts) and not any(_is_flat(end, given) for end in ends):
@@ -146,6 +153,11 @@ def simulated(
         for p in found.parameters
     )
     return replace(found, parameters=chosen)
+
+
+def _given(null: Null) -> dict[str, float]:
+    """The values of the model's parameters from which the user has them looked for."""
+    return {p.name: p.initial for p in null.fit.parameters if p.name in null.estimated}
 
 
 def _is_flat(end: FitResult, names: Collection[str]) -> bool:
@@ -171,7 +183,7 @@ def _better_in_simulation(white: FitResult, beside: Refit) -> dict[str, float]:
 def _lost(null: Null, white: FitResult) -> dict[str, float]:
     """The start values of the model's parameters, where the search beside the loads has led one of them far
     away: a load that is free enough leaves it nothing to do. Empty where it has not."""
-    starts = {p.name: p.initial for p in null.fit.parameters if p.name in null.estimated}
+    starts = _given(null)
     apart = [white.theta[name] / value for name, value in starts.items() if value and name in white.theta]
     is_lost = any(ratio > 0.0 and abs(np.log(ratio)) > np.log(FAR) for ratio in apart)
     return starts if is_lost else {}

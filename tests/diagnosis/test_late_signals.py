@@ -1,0 +1,116 @@
+"""Signals that come late, seen in the innovations. Simulated by LSODA, interval by interval."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from daest.diagnosis.candidates import pairs
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.late_signals import late_responses, late_signals
+from daest.diagnosis.loads import load_sites
+from daest.diagnosis.null import fit_null
+from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.screen import run_null
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_text
+from daest.modelica.effects import effect_library, find_effect
+from daest.modelica.sites import sites
+
+ROOM = b"""model Room
+  parameter Real C(unit = "J/K", min = 0) = 1e6 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real G(unit = "W/K", min = 0) = 60 annotation(__Daest(estimate = true, scale = "log"));
+  input Real P(unit = "W");
+  input Real Ta(unit = "K");
+  Real T(unit = "K", start = 290);
+  output Real y(unit = "K");
+equation
+  C*der(T) = P - G*(T - Ta);
+  y = T;
+end Room;
+"""
+PERIOD = 300.0
+
+
+def recorded(lag: float = 0.0, wall: float = 0.0, sensor: float = 0.0, n: int = 500) -> Experiment:
+    """A heater late by `lag` [s], a thermometer by `sensor` [s], and a wall behind it of `wall` [W/K]."""
+    rng = np.random.default_rng(4)
+    time = PERIOD * np.arange(n)
+    heat = 3000.0 * np.repeat(rng.integers(0, 2, n // 5), 5)
+    outdoor = 275.0 + 4.0 * np.sin(2 * np.pi * time / 86400.0)
+    state, found = np.array([290.0, 285.0, heat[0], 290.0]), []
+
+    def rates(t, z, k):
+        into = (wall * (z[1] - z[0]) + (z[2] if lag else heat[k]) - 50.0 * (z[0] - outdoor[k])) / 1.2e6
+        late = (heat[k] - z[2]) / (lag or 1e9), (z[0] - z[3]) / (sensor or 1e9)
+        return [into, wall * (z[0] - z[1]) / 2e7, *late]
+
+    for k in range(n):
+        found.append(state[3] if sensor else state[0])
+        run = solve_ivp(rates, (0.0, PERIOD), state, "LSODA", args=(k,), rtol=1e-8, atol=1e-8)
+        state = run.y[:, -1]
+    told = np.array(found) + rng.normal(0.0, 0.01, n)
+    inputs = np.column_stack([heat, outdoor])
+    return Experiment("run", time, inputs, told[:, None], ("P", "Ta"), ("y",))
+
+
+def null_of(record: Experiment):
+    flat = compile_text(ROOM, Path("Room.mo"))
+    return fit_null(flat, load_sites(flat), [record], "zoh")
+
+
+def late_at(*places: str):
+    effects = [find_effect(f"Signals.{name}") for name in ("Lag", "Delay")]
+    found = pairs(effects, sites(compile_text(ROOM, Path("Room.mo"))))
+    return [c for c in found if not places or c.label in places]
+
+
+@pytest.mark.parametrize(
+    ("label", "late"), [("Lag at P", {"lag": 700.0}), ("Lag at y", {"sensor": 700.0}), ("Delay at P", {})]
+)
+def test_response_is_what_a_late_signal_does_to_the_innovations(label, late):
+    """The same noise with and without it, through one observer."""
+    on_time, delayed = recorded(n=200), recorded(**late, n=200)
+    if not late:
+        inputs = on_time.inputs.copy()
+        inputs[:, 0] = np.append(np.full(2, inputs[0, 0]), inputs[:-2, 0])
+        behind = replace(on_time, inputs=inputs)
+    null = null_of(on_time)
+    run = run_null(null)
+    time = 700.0 if late else 2 * PERIOD
+    (response,) = late_responses(null, run, late_at(label), [time]) @ np.kron(
+        np.eye(200), np.linalg.inv(run.root)
+    )
+    errors = [
+        (one.observed[0].whitened @ np.linalg.inv(one.root).T).ravel()
+        for one in (run, run_null(replace(null, experiments=(delayed if late else behind,))))
+    ]
+    change = errors[1] - errors[0] if late else errors[0] - errors[1]
+    begin = 10  # a start away from rest is not that of the recording
+    assert np.linalg.norm((change - response)[begin:]) < 0.1 * np.linalg.norm(change[begin:])
+
+
+def test_late_heater_is_seen_beside_a_wall_that_drifts():
+    null = null_of(recorded(lag=700.0, wall=150.0))
+    found = late_signals(null, run_null(null), late_at())
+    (lag, *_) = found.lags
+    assert lag.candidate.label == "Lag at P"
+    assert 0.4 < lag.sizes[0] / 700.0 < 2.5
+
+
+def test_nothing_is_late():
+    null = null_of(recorded())
+    found = late_signals(null, run_null(null), late_at())
+    assert not found.lags and not found.dead_times
+    assert late_signals(null, run_null(null), ()) == found
+
+
+@pytest.mark.slow
+def test_late_heater_is_found_before_the_wall_is_known():
+    record, unseen = (recorded(lag=700.0, wall=150.0, n=n) for n in (500, 700))
+    flat = compile_text(ROOM, Path("Room.mo"))
+    found = diagnose(flat, effect_library(), [record], [unseen], DiagnoseOptions(hold="zoh"))
+    labels = {p.candidate.label for p in found.proofs}
+    assert {"Lag at P", "ExtraHeatCapacity at 0:T"} <= labels, found.message
