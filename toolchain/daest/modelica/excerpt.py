@@ -24,10 +24,9 @@ from daest.modelica.components import Classes
 from daest.modelica.dialect import OPERATOR_FILES, adapted, external_objects, with_constructors
 from daest.modelica.fitting import fits, with_bases
 from daest.modelica.library import BYTE_ORDER_MARK, MOST_KEPT, Roots, library_name, put_in_place, stamp
-from daest.modelica.outline import class_heads
+from daest.modelica.outline import NO_CODE, class_heads
 
 _VERSION = "30"  # of what is kept; another one throws away what is there
-_STRIP = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
 _ALIAS = re.compile(
     rb"\b(?:import|package|model|function|type|block|connector|record|class|operator)\s+([A-Za-z_]\w*)"
@@ -124,7 +123,7 @@ def _index(entry: Path) -> _Library:
 
 def _read(text: bytes, scope: tuple[str, ...]) -> _File:
     objects = tuple(".".join((*scope, one)) for one in external_objects(text))
-    bare = _STRIP.sub(b" ", text)
+    bare = NO_CODE.sub(b" ", text)
     names = frozenset(re.sub(rb"\s", b"", name).decode() for name in _NAME.findall(bare))
     aliases = {a.decode(): b.decode() for a, b in _ALIAS.findall(bare)}
     opened: list[str] = []

@@ -132,8 +132,8 @@ class _Original:
         found = connect_clauses(words)
         gone = {pair for clause in extends_clauses(words) for pair in clause.broken}
         for clause in extends_clauses(words):
-            base = find_base(heads, head, clause.base)
-            if base is not None and base.name != head.name:
+            base = find_base(heads, head.name, clause.base)
+            if base is not None:
                 found += [one for one in self._clauses(base) if one.pair not in gone]
         return found
 
@@ -622,8 +622,8 @@ def _modified(name: str, original: _Original, head: ClassHead) -> str:
         if name in clause.bound:
             first, last = clause.bound[name]
             return original.source[first:last].decode()
-        base = find_base(class_heads(original.source), head, clause.base)
-        found = "" if base is None or base.name == head.name else _modified(name, original, base)
+        base = find_base(class_heads(original.source), head.name, clause.base)
+        found = "" if base is None else _modified(name, original, base)
         if found:
             return found
     return ""

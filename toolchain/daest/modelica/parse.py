@@ -19,7 +19,7 @@ from typing import Literal
 from daest.errors import ModelError, Place
 from daest.modelica import syntax as s
 from daest.modelica.operators import BUILTINS, REFUSED
-from daest.modelica.outline import Token, place_of, tokens
+from daest.modelica.outline import CLOSE, OPEN, Token, arguments, find_outside, place_of, tokens
 from daest.modelica.text import text
 from daest.near import near_names
 
@@ -258,7 +258,6 @@ KEYS: dict[Role, tuple[str, ...]] = {
     "variable": (),
 }
 SCALES = ("auto", "linear", "log")
-_OPEN, _CLOSE = ("(", "[", "{"), (")", "]", "}")
 
 
 @dataclass(frozen=True)
@@ -306,11 +305,10 @@ def annotation_of(file: str, source: bytes, declaration_end: int) -> Annotation:
 
     A list `Real a, b annotation(...)` gives the annotation to b alone, as Modelica does."""
     tail = _tail(source, declaration_end)
-    at = _annotation_arguments(tail)
-    while at is not None and at < len(tail) and tail[at].text != ")":
-        if tail[at].text == "__Daest" and at + 1 < len(tail) and tail[at + 1].text == "(":
-            return _entries(tail, at, file, source)
-        at = _after_argument(tail, at)
+    at = find_outside(tail, 0, "annotation") + 1
+    for one in arguments(tail, at) if at < len(tail) and tail[at].text == "(" else ():
+        if one[0].text == "__Daest" and len(one) > 1 and one[1].text == "(":
+            return _entries(one, file, source)
     return NONE
 
 
@@ -321,37 +319,17 @@ def _tail(source: bytes, start: int) -> list[Token]:
     for token in tokens(source, start):
         if depth == 0 and token.text in (",", ";"):
             break
-        depth += (token.text in _OPEN) - (token.text in _CLOSE)
+        depth += (token.text in OPEN) - (token.text in CLOSE)
         if depth < 0:
             break
         found.append(token)
     return found
 
 
-def _annotation_arguments(tail: Sequence[Token]) -> int | None:
-    """Index of the first token inside `annotation(...)`."""
-    depth = 0
-    for i, token in enumerate(tail[:-1]):
-        if depth == 0 and token.text == "annotation" and tail[i + 1].text == "(":
-            return i + 2
-        depth += (token.text in _OPEN) - (token.text in _CLOSE)
-    return None
-
-
-def _after_argument(tail: Sequence[Token], at: int) -> int:
-    """Index of the token after the next `,` of this bracket level, or of the closing bracket."""
-    depth = 0
-    while at < len(tail):
-        if depth == 0 and tail[at].text in (",", ")"):
-            return at + (tail[at].text == ",")
-        depth += (tail[at].text in _OPEN) - (tail[at].text in _CLOSE)
-        at += 1
-    return at
-
-
-def _entries(tail: list[Token], at: int, file: str, source: bytes) -> Annotation:
-    place = place_of(file, source, tail[at].start)
-    parser = Parser(tail, at + 2)
+def _entries(words: list[Token], file: str, source: bytes) -> Annotation:
+    """The entries of `__Daest(…)`."""
+    place = place_of(file, source, words[0].start)
+    parser = Parser(words, 2)
     entries: dict[str, s.Node] = {}
     places: dict[str, Place] = {}
     try:
