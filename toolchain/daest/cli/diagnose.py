@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +26,7 @@ from daest.cli.options import (
     seed_option,
     split_data_options,
 )
-from daest.cli.output import emit, keep_inputs, note, telling, to_json, whole_file, with_schema
+from daest.cli.output import emit, keep_inputs, note, telling, whole_file
 from daest.cli.progress import progress
 from daest.errors import DaestError, EstimationError, FmuError, ModelError
 
@@ -53,7 +52,7 @@ class Search:
 
     effects: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
-    jobs: int | None = None
+    jobs: int = 1
     cluster: str | None = None
     seed: int = 0
 
@@ -198,7 +197,7 @@ def opened(
         note("no validation data: the second half of every recording validates")
         halves = replace(data_choice.preparation(project), split=HALF)
         estimation, validation = split_all(estimation, halves)
-    folders = (*model_options.libraries, *project.libraries)
+    folders = model_options.folders(project)
     library = effect_library(folders)
     if loaded.has_equations:
         clipped = clips_of(estimation)
@@ -363,7 +362,7 @@ def _engine_options(
         places=tuple(places),
         hold=hold,
         seed=search.seed,
-        jobs=search.jobs or os.cpu_count() or 1,
+        jobs=search.jobs,
         cluster=search.cluster,
     )
 
@@ -378,7 +377,7 @@ def _named_effects(search: Search, folders: Sequence[Path]) -> list[str]:
 def _known(flat: Model, search: Search, folders: Sequence[Path]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the effects and of the places as the search has them."""
     from daest.modelica.effects import find_effects
-    from daest.modelica.sites import find_site
+    from daest.modelica.sites import find_effect_site, find_site
 
     groups = [find_effects(name, folders) for name in search.effects]
     for group in groups:
@@ -389,28 +388,13 @@ def _known(flat: Model, search: Search, folders: Sequence[Path]) -> tuple[tuple[
         if not groups:
             places += [", ".join(part.strip() for part in place.split(",")), find_site(flat, place).name]
         for group in groups:
-            places.append(_place_for(flat, group, place))
+            places.append(find_effect_site(flat, group, place)[1].name)
     return tuple(dict.fromkeys(_named_effects(search, folders))), tuple(dict.fromkeys(places))
 
 
 def _names(name: str, group: Sequence[Effect]) -> list[str]:
     """What the search calls the effects: by name, unless more of a class name than that was given."""
     return [name] if name == group[0].name else [effect.class_name for effect in group]
-
-
-def _place_for(flat: Model, group: Sequence[Effect], place: str) -> str:
-    """The name of the place where one of the effects of a name fits."""
-    from daest.modelica.sites import find_site, fits, sites
-
-    problems: list[ModelError] = []
-    known = sites(flat)
-    # Of effects that several domains have, the one of this model tells best why it does not fit.
-    for effect in sorted(group, key=lambda effect: not any(fits(effect, site) for site in known)):
-        try:
-            return find_site(flat, place, effect).name
-        except ModelError as problem:
-            problems.append(problem)
-    raise problems[0]
 
 
 def _require_a_place(flat: Model, group: Sequence[Effect]) -> None:
@@ -497,12 +481,10 @@ def written_document(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
 
 def keep_diagnosis(project: Project, document: Mapping[str, Any], origin: Mapping[str, Any]) -> None:
     """Leave the diagnosis in the results of the project. Raises ConfigError `output-unwritable`."""
-    from daest.cli.results import KEPT_ELSEWHERE
+    from daest.cli.results import KEPT_ELSEWHERE, write_document
 
     path = project.results / RESULT
-    with whole_file(path, KEPT_ELSEWHERE) as temporary:
-        stored = with_schema({**document, "made_from": origin}, "diagnose")
-        temporary.write_text(to_json(stored), encoding="utf-8")
+    write_document({**document, "made_from": origin}, "diagnose", path, KEPT_ELSEWHERE)
     note(f"the diagnosis is in {path}")
 
 

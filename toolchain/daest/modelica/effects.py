@@ -33,7 +33,7 @@ from daest.modelica.outline import ClassHead, class_heads, class_tokens, tokens
 from daest.modelica.parse import Annotation, annotation_of
 from daest.modelica.source import read_source
 from daest.modelica.text import text
-from daest.near import near_names
+from daest.near import did_you_mean, near_names
 
 __all__ = ["EffectModel", "effect_library", "effect_model", "find_effect", "find_effects", "library_digest"]
 
@@ -289,8 +289,7 @@ def _plain(documentation: str) -> str:
 def _check(source: _Source) -> None:
     for key in source.annotation.entries:
         if key not in _KEYS:
-            near = near_names(key, _KEYS, 1)
-            hint = f"Did you mean `{near[0]}`? " if near else ""
+            hint = did_you_mean(key, _KEYS, 1)
             raise source.error(
                 key, f"`{key}` has no meaning for an effect", f"{hint}Known: {', '.join(_KEYS)}."
             )

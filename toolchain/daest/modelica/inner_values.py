@@ -10,19 +10,18 @@ the model gives, in the text that the compiler reads, and the model is compiled 
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
 
-from daest.cache import cache_folder, forget_unused, was_used
+from daest.cache import cache_folder
 from daest.errors import ModelError
 from daest.modelica import syntax as s
 from daest.modelica.compiler import Job
 from daest.modelica.components import expression_end
-from daest.modelica.library import MOST_KEPT, Roots, library_entries, put_in_place, stamp
+from daest.modelica.library import Roots, kept_folder, library_entries, stamp, write_file
 from daest.modelica.outline import NO_CODE, closing, place_of, tokens
 from daest.modelica.parameters import is_parameter
 from daest.modelica.reading import Reading
@@ -188,15 +187,12 @@ def _with_files(roots: Roots, folder: Path, changed: Mapping[Path, bytes]) -> Ro
     for file, text in sorted(changed.items()):
         digest.update(str(file).encode() + b"\0" + text)
     root = cache_folder() / "libraries" / f"inner-{digest.hexdigest()[:32]}"
-    if not root.is_dir():
-        draft = root.with_name(f"{root.name}.{os.getpid()}")
+
+    def fill(draft: Path) -> None:
         for file in [*folder.rglob("*.mo"), *folder.rglob("package.order")]:
-            place = draft / file.relative_to(folder)
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_bytes(changed.get(file) or file.read_bytes())
-        put_in_place(draft, root)
-        forget_unused(root.parent, MOST_KEPT)
-    was_used(root)
+            write_file(draft / file.relative_to(folder), changed.get(file) or file.read_bytes())
+
+    kept_folder(root, fill)
     origins: dict[str, Path] = {}
     for made, entry in roots.origins.items():
         is_inside = Path(made).is_relative_to(folder)

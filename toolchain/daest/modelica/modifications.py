@@ -28,7 +28,7 @@ from daest.modelica.outline import (
     place_of,
     tokens,
 )
-from daest.near import near_names
+from daest.near import did_you_mean
 
 _ATTRIBUTES = (
     *("start", "fixed", "min", "max", "nominal", "unit", "displayUnit", "quantity", "stateSelect"),
@@ -152,8 +152,7 @@ def names_of(text: bytes, heads: Sequence[ClassHead], head: ClassHead) -> frozen
 def _nothing_there(
     one: _Modification, where: str, names: Sequence[str], text: bytes, file: str
 ) -> ModelError:
-    near = near_names(one.name, names, 2)
-    hint = f"Did you mean {' or '.join(f'`{name}`' for name in near)}? " if near else ""
+    hint = did_you_mean(one.name, names, 2)
     return ModelError(
         "model-unknown-name",
         f"{where} has no `{one.name}` that could be modified",

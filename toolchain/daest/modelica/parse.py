@@ -21,7 +21,7 @@ from daest.modelica import syntax as s
 from daest.modelica.operators import BUILTINS, REFUSED
 from daest.modelica.outline import CLOSE, OPEN, Token, arguments, find_outside, place_of, tokens
 from daest.modelica.text import text
-from daest.near import near_names
+from daest.near import did_you_mean
 
 _BINARY = {"or": 1, "and": 2, "<": 4, "<=": 4, ">": 4, ">=": 4, "==": 4, "<>": 4}
 _BINARY |= {"+": 5, "-": 5, ".+": 5, ".-": 5, "*": 6, "/": 6, ".*": 6, "./": 6, "^": 7, ".^": 7}
@@ -361,8 +361,7 @@ def check_keys(annotation: Annotation, role: Role, name: str) -> None:
         if not known:
             what = f"`{name}` is neither a parameter, an input nor an output"
             raise annotation.error(key, what, "Move the annotation to a parameter, an input or an output.")
-        near = near_names(key, known, 1)
-        hint = f"Did you mean `{near[0]}`? " if near else ""
+        hint = did_you_mean(key, known, 1)
         raise annotation.error(
             key, f"`{key}` has no meaning for {role} `{name}`", f"{hint}Known there: {', '.join(known)}."
         )
