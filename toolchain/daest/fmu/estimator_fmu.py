@@ -17,9 +17,9 @@ import daest
 from daest.fmu.description import model_identifier
 from daest.fmu.estimator_code import EstimatorModel, estimator_files
 from daest.fmu.export import FLAGS, write_archive
-from daest.fmu.sources import SHARED, shared_code
+from daest.fmu.sources import SHARED
 from daest.model.fmu import EstimatorExport
-from daest.numerics.compiler import Platform, build_shared, native_platform, platform_named
+from daest.numerics.compiler import Platform, build_shared, native_platform, platform_named, text_of
 
 Version = Literal["2.0", "3.0"]
 Causality = Literal["independent", "input", "output", "parameter"]
@@ -146,7 +146,7 @@ def _sources(model: EstimatorModel, variables: Sequence[FmuVariable], version: V
     main = "fmi3.c" if version == "3.0" else "fmi2.c"
     own = {name: room.joinpath(name).read_text(encoding="utf-8") for name in (main, "instance.h")}
     if version == "3.0":
-        own[SHARED] = shared_code()
+        own[SHARED] = text_of(SHARED, "daest.fmu")
     return {
         **{name: text for name, text in code.items() if name != "main.c"},
         **own,

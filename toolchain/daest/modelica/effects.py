@@ -29,7 +29,7 @@ from daest.modelica.assemble import assemble
 from daest.modelica.compiler import Job, compile_source, with_room
 from daest.modelica.connectors import connectors_of
 from daest.modelica.library import bundled_root, library_roots, readable_roots, stamp
-from daest.modelica.outline import ClassHead, class_heads, class_tokens, tokens
+from daest.modelica.outline import ClassHead, class_heads, class_tokens, offset_of, tokens
 from daest.modelica.parse import Annotation, annotation_of
 from daest.modelica.source import read_source
 from daest.modelica.text import text
@@ -579,12 +579,7 @@ def _annotation_of(parameter: Parameter) -> Annotation:
     if parameter.place is None or parameter.place.line is None:
         return Annotation()
     content = read_source(Path(parameter.place.file))
-    lines = content.split(b"\n")
-    line = lines[parameter.place.line - 1].decode()
-    start = sum(len(one) + 1 for one in lines[: parameter.place.line - 1])
-    return annotation_of(
-        parameter.place.file, content, start + len(line[: (parameter.place.column or 1) - 1].encode())
-    )
+    return annotation_of(parameter.place.file, content, offset_of(content, parameter.place))
 
 
 def _own_states(model: EffectModel, parameters: Sequence[EffectParameter], signals: Sequence[str]) -> int:
