@@ -310,7 +310,7 @@ class _Assembly:
                 remedy="Choose another name for the input.",
             )
         own = next(x for x in member.model.unknowns if x.name == name)
-        start = 0.0 if own.start is None else own.start
+        start = own.start_or_zero
         self.inputs.append(replace(own, name=wanted, start=start, place=None))
         self.u.append(ca.SX.sym(wanted))
         self._names.add(wanted)

@@ -26,6 +26,7 @@ from daest.near import did_you_mean
 _TOLERANCE = 1e-9
 # Exchange between bodies that no component joins is plausible in these domains (air, radiation, leaks).
 _PAIRED: tuple[Domain, ...] = ("thermal", "hydraulic")
+_MOST_LISTED = 12  # places in a message
 _SIGNAL_KINDS = ("input", "output", "parameter")
 # The places of the models that were asked for last: every effect of a search asks for those of one model.
 _found: deque[tuple[FlatModel, tuple[Site, ...]]] = deque(maxlen=8)
@@ -280,11 +281,11 @@ def _wanted(effect: Effect) -> str:
     }[effect.attach]
 
 
-def _listed(usable: Sequence[Site], most: int = 12) -> str:
+def _listed(usable: Sequence[Site]) -> str:
     # A node and a cut through it go by the same name.
     names = list(dict.fromkeys(f"`{site.name}`" for site in usable))
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+    more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
+    return ", ".join(names[:_MOST_LISTED]) + more
 
 
 class Network:

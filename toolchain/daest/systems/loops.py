@@ -373,7 +373,7 @@ def _generic_point(system: ExpandedSystem, seed: int) -> SamplePoint:
         )
 
     start = np.zeros((len(system.z), system.sigma.n))
-    start[0] = [0.0 if v.start is None else v.start for v in system.aliases.variables]
+    start[0] = [v.start_or_zero for v in system.aliases.variables]
     others = np.zeros(system.others.numel())
     n_theta = len(system.flat.parameters)
     others[others.size - 1 - n_theta : others.size - 1] = system.flat.theta_values

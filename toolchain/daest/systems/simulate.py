@@ -386,13 +386,14 @@ def _nonlinear(task: _Task, rtol: float, tell: Callable[[str], object]) -> tuple
 
 
 def simulate_modes(
-    flat: FlatModel, recording: Recording, *, hold: Hold = "foh", rtol: float = SOLVER.simulation_rtol
+    flat: FlatModel, recording: Recording, *, hold: Hold = "foh"
 ) -> tuple[ExplicitModel, Simulation, np.ndarray]:
     """The reduced form of a model with events, its simulation, and at every sample all parameters with what
     keeps its value between events (n_samples, n_theta): the mode. Raises what `simulate` raises."""
     explicit = dynamics(in_starting_mode(flat, recording))
     assert isinstance(explicit, ExplicitModel)
     task = _prepare(explicit, recording, None, hold, None)
+    rtol = SOLVER.simulation_rtol
     with threadpool_limits(1):
         run = _followed(task, rtol)
     return explicit, _told(task, run, rtol), run.theta
