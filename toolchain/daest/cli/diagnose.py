@@ -45,6 +45,8 @@ RESULT = "diagnosis.json"
 KEPT = "diagnosis"  # folder of the refits that are done
 HALF = 0.5
 
+Parts = tuple["list[Experiment]", "list[Experiment]"]  # recordings for estimation and for validation
+
 
 @dataclass(frozen=True)
 class Search:
@@ -177,8 +179,7 @@ def opened(
     from daest.cli.results import training_files
     from daest.data.prepare import split_all
     from daest.diagnosis.clipping import clips_of
-    from daest.diagnosis.kept import KeptProofs, run_digest
-    from daest.modelica.effects import effect_library, library_digest
+    from daest.modelica.effects import effect_library
 
     require_cluster(search.cluster)
     source = model_source(project, model)
@@ -198,66 +199,48 @@ def opened(
         halves = replace(data_choice.preparation(project), split=HALF)
         estimation, validation = split_all(estimation, halves)
     folders = model_options.folders(project)
-    library = effect_library(folders)
-    if loaded.has_equations:
-        clipped = clips_of(estimation)
-        recorded = (estimation, validation)
-        drive = _sufficient(flat, estimation, validation, project, data_choice)
-        estimation, validation = drive.estimation, drive.validation
-        fit = _earlier_fit(project, source, loaded, estimation)
-        options = replace(_options(flat, folders, search, drive.hold, fit), clipped=clipped, held=drive.held)
-        straight = _straight(flat, drive.hold) if drive.held is None else ()
-        remarks = (*(() if fit is None else fit.remarks), *drive.remarks, *straight)
-        if fit is None and flat.parameters and not any(p.estimate for p in flat.parameters):
-            note(NONE_ESTIMATED)
-        binary = b""
-    else:
-        names, hold = _named_effects(search, folders), data_choice.known_hold(project, flat)
-        options, remarks, recorded = _engine_options(search, names, search.places, hold), (), None
-        binary = source.read_bytes()
+    library, class_name = effect_library(folders), chosen_class(project, source, model_options.class_name)
+    read = tuple(training_files(project, data))
 
-    def kept(
-        estimation: list[Experiment], validation: list[Experiment], options: DiagnoseOptions
-    ) -> DiagnoseOptions:
-        """The options with what is kept of the run from one call to the next."""
-        decisive = (
-            options.effects, options.places, options.hold, options.seed, binary, library_digest(folders)
-        )  # fmt: skip
-        run = run_digest(flat, estimation, validation, decisive)
-        return replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file))
-
-    case = Case(
-        project,
-        source,
-        chosen_class(project, source, model_options.class_name),
-        folders,
-        flat,
-        estimation,
-        validation,
-        library,
-        kept(estimation, validation, options),
-        tuple(training_files(project, data)),
-        remarks,
-    )
-    if recorded is None or recorded[0] is estimation or _n_samples(recorded[0]) > MOST_AS_RECORDED:
-        return case
-
-    def as_recorded() -> Case:
-        known = replace(options, hold=data_choice.known_hold(project, flat), held=None)
-        estimation, validation = recorded
-        return replace(
-            case,
-            estimation=estimation,
-            validation=validation,
-            options=kept(estimation, validation, known),
-            remarks=(*remarks, AS_RECORDED),
+    def case_of(parts: Parts, options: DiagnoseOptions, remarks: tuple[str, ...] = ()) -> Case:
+        return _resumable(
+            Case(project, source, class_name, folders, flat, *parts, library, options, read, remarks)
         )
 
-    return replace(case, as_recorded=as_recorded)
+    recorded = estimation, validation
+    known_hold = data_choice.known_hold(project, flat)
+    if not loaded.has_equations:
+        names = _named_effects(search, folders)
+        return case_of(recorded, _engine_options(search, names, search.places, known_hold))
+    drive = _sufficient(flat, estimation, validation, project, data_choice)
+    fit = _earlier_fit(project, source, loaded, drive.estimation)
+    options = _options(flat, folders, search, drive.hold, fit)
+    options = replace(options, clipped=clips_of(estimation), held=drive.held)
+    straight = _straight(flat, drive.hold) if drive.held is None else ()
+    remarks = (*(() if fit is None else fit.remarks), *drive.remarks, *straight)
+    if fit is None and flat.parameters and not any(p.estimate for p in flat.parameters):
+        note(NONE_ESTIMATED)
+    case = case_of((drive.estimation, drive.validation), options, remarks)
+    if drive.estimation is estimation or sum(e.n_samples for e in estimation) > MOST_AS_RECORDED:
+        return case
+    finer = replace(options, hold=known_hold, held=None)
+    return replace(case, as_recorded=lambda: case_of(recorded, finer, (*remarks, AS_RECORDED)))
 
 
-def _n_samples(experiments: Sequence[Experiment]) -> int:
-    return sum(e.n_samples for e in experiments)
+def _resumable(case: Case) -> Case:
+    """The case whose refits are kept, so that an interrupted search goes on from them."""
+    from daest.diagnosis.kept import KeptProofs, run_digest
+    from daest.modelica.effects import library_digest
+
+    options = case.options
+    binary = b"" if case.flat.has_equations else case.source.read_bytes()
+    decisive = (
+        options.effects, options.places, options.hold, options.seed, binary, library_digest(case.folders)
+    )  # fmt: skip
+    run = run_digest(case.flat, case.estimation, case.validation, decisive)
+    return replace(
+        case, options=replace(options, keeper=KeptProofs(case.project.results / KEPT, run, whole_file))
+    )
 
 
 def _straight(flat: Model, hold: Hold | None) -> tuple[str, ...]:
