@@ -282,7 +282,9 @@ def _limits(flat: Model, recordings: Sequence[Experiment], wish: Wish, hold: Hol
             "without a recording nothing tells how long and how finely the input may be played",
             remedy="give --length and --period in seconds, or a recording",
         )
-    band = (0.0, float("inf")) if wish.band is None else _band(wish.band)
+    band = 0.0, float("inf")
+    if wish.band is not None:
+        band = _two_numbers(wish.band, f"--band {wish.band}", "--band 0,10")
     return Limits(tuple(inputs), float(length), float(period), safe, band, hold)
 
 
@@ -354,10 +356,6 @@ def _aim(
 def _range(text: str) -> tuple[str, tuple[float, float]]:
     name, _, values = text.partition("=")
     return name.strip(), _two_numbers(values, f"--limit {text}", "--limit u=-5,5")
-
-
-def _band(text: str) -> tuple[float, float]:
-    return _two_numbers(text, f"--band {text}", "--band 0,10")
 
 
 def _two_numbers(values: str, what: str, remedy: str) -> tuple[float, float]:

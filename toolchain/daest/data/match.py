@@ -140,7 +140,7 @@ def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) ->
     if how == "name":
         return signal.name in (column.name, column.header)
     if how == "similar name":
-        names = {column.name.lower(), _stem(column.name).lower(), stem(column).lower()}
+        names = {column.name.lower(), column.name.rsplit("_", 1)[0].lower(), stem(column).lower()}
         return signal.name.lower() in names or signal.name.rsplit(".", 1)[-1].lower() in names
     if how == "part of its name":
         is_part = _words(signal.name.rsplit(".", 1)[-1]) <= _words(stem(column))
@@ -173,10 +173,6 @@ def unitless_findings(table: Table, signals: Sequence[Signal]) -> list[Finding]:
 
 def _words(name: str) -> set[str]:
     return {word for word in re.split(r"[\W_]+", name.lower()) if word}
-
-
-def _stem(name: str) -> str:
-    return name.rsplit("_", 1)[0] if "_" in name else name
 
 
 def _same_kind(given: str, wanted: str) -> bool:

@@ -364,7 +364,11 @@ class _Reader:
 
     def _map(self, data: dict[str, Any], key: str) -> dict[str, str]:
         table = data.get(key, {})
-        pairs = dict(_flattened(table, _is_table)) if isinstance(table, dict) else None
+        pairs = (
+            dict(_flattened(table, lambda entry: isinstance(entry, dict)))
+            if isinstance(table, dict)
+            else None
+        )
         if pairs is None or not all(isinstance(column, str) for column in pairs.values()):
             self._wrong_type("data", key, 'model names and columns, as in { u = "voltage" }')
             return {}
@@ -398,10 +402,6 @@ def _is_part_of_a_name(entry: Any) -> bool:
     if not isinstance(entry, dict) or not entry or not all(isinstance(v, dict) for v in entry.values()):
         return False
     return set(entry) != {"prior"} or any(isinstance(v, dict) for v in entry["prior"].values())
-
-
-def _is_table(entry: Any) -> bool:
-    return isinstance(entry, dict)
 
 
 def _line_of(lines: list[str], section: str, key: str) -> int | None:

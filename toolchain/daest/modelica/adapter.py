@@ -104,7 +104,7 @@ def _variable(v: dict[str, Any], flat: dict[str, Any]) -> s.FlatVariable:
         min=_declared(v["min"], v),
         max=_declared(v["max"], v),
         nominal=_declared(v["nominal"], v),
-        unit=_plain_text(v["unit"]),
+        unit=v["unit"] if isinstance(v["unit"], str) else "",
         description=v["description"] or "",
         state_select=_STATE_SELECT.get(v["state_select"], "default"),
         binding=expression(v["binding"]) if v["binding"] else None,
@@ -116,10 +116,6 @@ def _variable(v: dict[str, Any], flat: dict[str, Any]) -> s.FlatVariable:
 def _is_top_level(name: str, flat: dict[str, Any]) -> bool:
     outer = name.split(".")[0].split("[")[0]
     return "." not in name or outer in flat.get("top_level_connectors", ())
-
-
-def _plain_text(value: Any) -> str:
-    return value if isinstance(value, str) else ""
 
 
 def _is_enumeration(v: dict[str, Any], flat: dict[str, Any]) -> bool:

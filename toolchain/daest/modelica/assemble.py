@@ -279,6 +279,7 @@ def _flat_model(parts: _Parts, file: str) -> FlatModel:
         raise unbalanced(equations, declared.unknowns, residual, parts.xi, parts.derivatives, file)
     outputs = [i for i, element in enumerate(declared.unknowns) if _is_output(element)]
     named = _named(outputs, len(declared.unknowns), parts)
+    shown = [named[i].expression if i in named else declared.unknowns[i].symbol for i in outputs]
     gone = {one.row for one in named.values()}
     kept = [i for i in range(len(declared.unknowns)) if i not in named]
     initial = [*parts.initial, *parts.starts.values()]
@@ -301,7 +302,7 @@ def _flat_model(parts: _Parts, file: str) -> FlatModel:
         theta=_theta(table, memory),
         time=reading.time,
         residual=_now(column([parts.rows[i].residual for i in kept_rows]), parts),
-        output_expressions=_now(_output_expressions(outputs, named, declared.unknowns), parts),
+        output_expressions=_now(column(shown), parts),
         initial_equations=tuple(_equations(initial, reading)),
         initial_residual=_now(_initial_residual(initial, named, declared.unknowns), parts),
         events=_events(parts, memory, [declared.unknowns[i].name for i in kept], named),
@@ -384,12 +385,6 @@ def _named(outputs: Sequence[int], n: int, parts: _Parts) -> dict[int, NamedOutp
     them as unknowns: without any there is no equation to which an effect or a noise could be added."""
     named = named_outputs(outputs, parts.rows, parts.xi, parts.derivatives)
     return {} if len(named) == n else {one.unknown: one for one in named}
-
-
-def _output_expressions(
-    outputs: Sequence[int], named: dict[int, NamedOutput], unknowns: Sequence[Element]
-) -> ca.SX:
-    return column([named[i].expression if i in named else unknowns[i].symbol for i in outputs])
 
 
 def _initial_residual(

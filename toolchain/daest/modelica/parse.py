@@ -12,7 +12,7 @@ The compiler drops annotations, but tells where each declaration stands.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -288,7 +288,8 @@ class Annotation:
         for scale in SCALES:
             if value == scale:
                 return scale  # type: ignore[return-value]
-        raise self.error("scale", f"`scale = {text(node)}` is no scale", f"Choose {_quoted(SCALES)}.")
+        choices = ", ".join(f'"{scale}"' for scale in SCALES)
+        raise self.error("scale", f"`scale = {text(node)}` is no scale", f"Choose {choices}.")
 
     def error(self, key: str, what: str, remedy: str) -> ModelError:
         return ModelError(
@@ -365,7 +366,3 @@ def check_keys(annotation: Annotation, role: Role, name: str) -> None:
         raise annotation.error(
             key, f"`{key}` has no meaning for {role} `{name}`", f"{hint}Known there: {', '.join(known)}."
         )
-
-
-def _quoted(words: Sequence[str]) -> str:
-    return ", ".join(f'"{word}"' for word in words)

@@ -155,7 +155,7 @@ def _simulate(
         if explicit.flat.events is not None:
             if np.any(intensity > 0):
                 raise events_refused("a simulation with noise")
-            return _with_events(task, rtol)
+            return _told(task, _followed(task, rtol), rtol)
         if np.any(intensity > 0):
             states, w, method = (_affine_noisy if is_affine else _nonlinear_noisy)(task, intensity, rng)
         elif is_affine:
@@ -397,11 +397,6 @@ def simulate_modes(
     with threadpool_limits(1):
         run = _followed(task, rtol)
     return explicit, _told(task, run, rtol), run.theta
-
-
-def _with_events(task: _Task, rtol: float) -> Simulation:
-    """The simulation of a model with events."""
-    return _told(task, _followed(task, rtol), rtol)
 
 
 def _followed(task: _Task, rtol: float) -> HybridRun:
