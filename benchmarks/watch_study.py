@@ -38,9 +38,8 @@ from daest.model.estimates import FilterOptions, Sample
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import effect_library
-from daest.numerics.compiler import build_shared
+from daest.numerics.compiler import build_shared, pointer
 from daest.numerics.parallel import workers
-from daest.systems.local_linear import pointer
 
 ROOT = Path(__file__).resolve().parents[1]
 PERIOD, BEGINS, SAMPLES, QUIET_SAMPLES, WINDOW = 0.01, 2000, 4000, 10_000, 2000

@@ -6,10 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from daest.numerics.compiler import build_shared, processor_flags
+from daest.numerics.compiler import build_shared, pointer, processor_flags, text_of
 from daest.systems.lane_code import lane_function
-from daest.systems.lanes import text_of
-from daest.systems.local_linear import pointer
 
 N_POINTS = 16  # several blocks of lanes, whatever the processor
 LOOP = """

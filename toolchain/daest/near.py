@@ -33,6 +33,13 @@ def _likeness(a: str, b: str) -> float:
     return max(ratio, LIKE) if goes_on or begins >= BEGINS else ratio
 
 
+def did_you_mean(name: str, candidates: Iterable[str], n: int = 3) -> str:
+    """``Did you mean `a` or `b`? `` with a space behind it, for the up to `n` nearest names; empty where none
+    is near."""
+    near = near_names(name, candidates, n)
+    return f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
+
+
 def nearest(name: str, candidates: Iterable[str]) -> str:
     """`did you mean ...?` for a name that does not exist, or the empty text."""
     near = near_names(name, candidates)

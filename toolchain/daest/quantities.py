@@ -179,6 +179,15 @@ def conversion(given: str, wanted: str) -> Conversion:
     return _proportional(source, target, given, wanted)
 
 
+def converts(given: str, wanted: str) -> bool:
+    """Whether there is a conversion from unit `given` to unit `wanted`."""
+    try:
+        conversion(given, wanted)
+    except DataError:
+        return False
+    return True
+
+
 def may_count_turns(given: str, chosen: str) -> bool:
     """Whether `given` counts something in a time (1/min, 1/s, Hz) and `chosen` says what: turns or radians
     in that time (rpm, rev/s, rad/s)."""

@@ -13,7 +13,7 @@ from daest.app.story import NAME, RIVALS, Story, comparison_file, diagnosis_file
 from daest.errors import ConfigError
 
 CHECK = "check.json"
-DESIGNED = "next_input.csv"  # the input of a designed experiment, in the folder of the project
+DESIGNED = "next_input.csv"  # the input that tells apart what the diagnosis leaves, or the parameters
 MOST_RIVALS = 4  # that are laid over each other
 DIGITS = 6  # of the size of an effect, which the fit that follows starts from
 Lines = list[list[str]]
@@ -130,35 +130,18 @@ def _rivals(_: Asked, standing: Standing) -> Lines:
     return [*written, ["compare", standing.model, *files, "--refit", "-o", target]]
 
 
-def _improve(_: Asked, standing: Standing) -> Lines:
-    return [["improve", *standing.chosen()]]
-
-
-def _report(_: Asked, standing: Standing) -> Lines:
-    return [["report"]]
-
-
-def _design(_: Asked, standing: Standing) -> Lines:
-    """The aim is what the diagnosis leaves open, else the parameters."""
-    return [["design", *standing.chosen(), "-o", DESIGNED]]
-
-
-def _noise(_: Asked, standing: Standing) -> Lines:
-    return [["noise"]]
-
-
 ACTIONS: dict[str, Callable[[Asked, Standing], Lines]] = {
     "init": _init,
     "check": _check,
     "identify": _identify,
     "compare": _compare,
     "diagnose": _diagnose,
-    "design": _design,
+    "design": lambda _, standing: [["design", *standing.chosen(), "-o", DESIGNED]],
     "add": _add,
     "rivals": _rivals,
-    "improve": _improve,
-    "noise": _noise,
-    "report": _report,
+    "improve": lambda _, standing: [["improve", *standing.chosen()]],
+    "noise": lambda *_: [["noise"]],
+    "report": lambda *_: [["report"]],
 }
 
 PLAIN = (

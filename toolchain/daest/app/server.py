@@ -13,8 +13,8 @@ import shlex
 import signal
 import sys
 import webbrowser
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
@@ -114,6 +114,16 @@ class Guarded(Own):
         self.set_status(409)
         self.write({"code": error.code, "what": printable(error.what), "remedy": printable(error.remedy)})
 
+    @contextmanager
+    def refusing(self, path: Path) -> Iterator[None]:
+        """Answers with the DaestError of the block, or that `path` cannot be written."""
+        try:
+            yield
+        except DaestError as problem:
+            self.refuse(problem)
+        except OSError as problem:
+            self.refuse(_refused(path, problem))
+
     def asked(self) -> dict[str, Any]:
         """The JSON object of the request."""
         with suppress(ValueError, RecursionError):
@@ -161,44 +171,46 @@ class State(Guarded):
         self.finish(text)
 
 
-class Pictures(Guarded):
+class Plots(Guarded):
+    """Plots, which `function` of `daest.app.pictures` makes in a thread of its own; none of nothing."""
+
+    function = ""
+
+    def subject(self) -> Any:
+        """What is drawn."""
+        return self.desk
+
+    async def get(self) -> None:
+        subject = self.subject()
+        loop = asyncio.get_running_loop()
+        plots = await loop.run_in_executor(None, _drawn, self.function, subject) if subject else []
+        self.write({"plots": plots})
+
+
+def _drawn(function: str, subject: Any) -> list[dict[str, Any]]:
+    return getattr(importlib.import_module(PICTURES), function)(subject)
+
+
+class Pictures(Plots):
     """Plots of the comparison."""
 
-    async def get(self) -> None:
-        loop = asyncio.get_running_loop()
-        plots = await loop.run_in_executor(None, _pictures, self.desk)
-        self.write({"plots": plots})
+    function = "comparison_pictures"
 
 
-def _pictures(desk: Desk) -> list[dict[str, Any]]:
-    return importlib.import_module(PICTURES).comparison_pictures(desk)
-
-
-class Recordings(Guarded):
+class Recordings(Plots):
     """Plots of the recordings, with what the check has found."""
 
-    async def get(self) -> None:
-        loop = asyncio.get_running_loop()
-        plots = await loop.run_in_executor(None, _recordings, self.desk)
-        self.write({"plots": plots})
+    function = "recording_pictures"
 
 
-def _recordings(desk: Desk) -> list[dict[str, Any]]:
-    return importlib.import_module(PICTURES).recording_pictures(desk)
-
-
-class Sliders(Guarded):
+class Sliders(Plots):
     """Empty plots for what the simulating process tells."""
 
-    async def get(self) -> None:
-        loop = asyncio.get_running_loop()
+    function = "following_pictures"
+
+    def subject(self) -> Any:
         told = self.pages.simulator.introduced
-        plots = await loop.run_in_executor(None, _sliders, told) if told else []
-        self.write({"plots": plots})
-
-
-def _sliders(told: str) -> list[dict[str, Any]]:
-    return importlib.import_module(PICTURES).following_pictures(json.loads(told))
+        return json.loads(told) if told else None
 
 
 class Effect(Guarded):
@@ -208,13 +220,7 @@ class Effect(Guarded):
         name = str(self.get_query_argument("name", ""))
         if not EFFECT.fullmatch(name):
             raise tornado.web.HTTPError(404, reason="there is no such effect")
-        process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "daest", "effects", name, "--format", "json"),
-            cwd=self.desk.folder,
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.DEVNULL,
-        )
+        process = await _begun(self.desk.folder, ["effects", name, "--format", "json"])
         out, _ = await process.communicate()
         if process.returncode != 0:
             raise tornado.web.HTTPError(404, reason="there is no such effect")
@@ -252,15 +258,20 @@ class Beside(Guarded):
     process: asyncio.subprocess.Process | None = None
 
     async def _said(self, arguments: list[str]) -> bytes | None:
-        self.process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "daest", *arguments),
-            cwd=self.desk.folder,
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.DEVNULL,
-        )
+        self.process = await _begun(self.desk.folder, arguments)
         out, _ = await self.process.communicate()
         return out if self.process.returncode == 0 else None
+
+
+async def _begun(folder: Path, arguments: list[str]) -> asyncio.subprocess.Process:
+    """A `daest` line in a process whose stdout is read."""
+    return await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "daest", *arguments),
+        cwd=folder,
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.DEVNULL,
+    )
 
 
 class Run(Guarded):
@@ -268,12 +279,8 @@ class Run(Guarded):
 
     def post(self) -> None:
         asked = self.asked()
-        try:
+        with self.refusing(self.desk.home):
             self.write(clicked(self.desk, asked))
-        except DaestError as problem:
-            self.refuse(problem)
-        except OSError as problem:
-            self.refuse(_refused(self.desk.home, problem))
 
 
 def clicked(desk: Desk, asked: dict[str, Any]) -> dict[str, Any]:
@@ -311,15 +318,11 @@ class Drop(Guarded):
 
     def put(self) -> None:
         name = str(self.get_query_argument("name", ""))
-        try:
+        with self.refusing(self.desk.folder / "file"):
             if not self.desk.folder.is_dir():
                 raise _gone(self.desk.folder)
             keep_dropped(self.desk.folder, name, self.request.body)
             self.write({"name": name})
-        except DaestError as problem:
-            self.refuse(problem)
-        except OSError as problem:
-            self.refuse(_refused(self.desk.folder / "file", problem))
 
 
 def keep_dropped(folder: Path, name: str, content: bytes) -> None:

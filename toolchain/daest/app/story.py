@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -127,7 +127,3 @@ def step_errors(document: Mapping[str, Any] | None) -> dict[str, Any] | None:
         return None
     model = document["models"][-1]
     return {"rms": model["rms"], "fit_percent": model["fit_percent"], "verdict": model["verdict"]}
-
-
-def models_of(steps: Sequence[Step]) -> list[str]:
-    return [step.model for step in steps]

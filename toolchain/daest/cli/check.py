@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,7 @@ from daest.cli.options import (
     window_options,
 )
 from daest.cli.output import emit, keep_inputs, note
-from daest.errors import ConfigError, DaestError
+from daest.errors import DaestError
 
 if TYPE_CHECKING:
     from daest.data.prepare import Preparation
@@ -48,17 +49,13 @@ def command(
     columns. With a model also units that do not fit, and outputs of the wrong polarity; with an FMU, how
     it is confined on this machine. Exit code 1 if there is a warning.
     """
+    from daest.cli.recordings import require_recordings
     from daest.report.documents import check as documents
     from daest.report.texts import check as texts
 
     project = model_options.project()
     paths = list(files.data) or [*project.estimate, *project.validate]
-    if not paths:
-        raise ConfigError(
-            "data-not-given",
-            "no recording is given",
-            remedy='name a .csv file, or write [data] estimate = ["run.csv"] in daest.toml',
-        )
+    require_recordings(paths)
     keep_inputs(output, paths)
     model = files.model
     is_given = model is not None or project.source is not None
@@ -83,9 +80,10 @@ def _tell_walls() -> None:
 def checked(path: Path, project: Project, flat: Model | None, window: Preparation | None = None) -> DataCheck:
     """The check of one file, or of its part in the `window`, against the model if there is one. Raises
     DataError where it cannot be read."""
+    from daest.cli.recordings import signals
     from daest.data.check import check_table
     from daest.data.match import unitless_findings
-    from daest.data.read import Signal, read_table, with_units, within
+    from daest.data.read import read_table, with_units, within
 
     window = window or project.preparation
     table = within(with_units(read_table(path), project.units), window.start, window.stop, project.time)
@@ -94,9 +92,8 @@ def checked(path: Path, project: Project, flat: Model | None, window: Preparatio
     roles: dict[str, Role] = {project.inputs.get(v.name, v.name): "input" for v in flat.inputs}
     roles.update({project.outputs.get(y.name, y.name): "output" for y in flat.outputs})
     check = check_table(table, roles, project.time)
-    signals = [Signal(v.name, v.unit, project.inputs.get(v.name)) for v in flat.inputs]
-    signals += [Signal(y.name, y.unit, project.outputs.get(y.name)) for y in flat.outputs]
-    findings = (*_against(path, project, flat, window), *unitless_findings(table, signals), *check.findings)
+    unitless = unitless_findings(table, list(chain(*signals(flat, project))))
+    findings = (*_against(path, project, flat, window), *unitless, *check.findings)
     return replace(check, findings=findings)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -64,7 +63,7 @@ def command(
     parameters: ParameterOptions,
     refit: bool,
     bootstrap: int | None,
-    jobs: int | None,
+    jobs: int,
     cluster: str | None,
     fail_below: float | None,
     fail_if_falsified: bool,
@@ -98,7 +97,7 @@ def command(
         experiments,
         bootstrap=bootstrap or 0,
         seed=seed,
-        jobs=jobs or os.cpu_count() or 1,
+        jobs=jobs,
         cluster=cluster,
     )
     with telling(lambda: emit(documents.document(found), "compare", form, output, texts.text)):

@@ -24,7 +24,7 @@ from daest.cli.options import (
     seed_option,
     set_option,
 )
-from daest.cli.output import emit, keep_inputs, note, to_json, whole_file, with_schema, write_text
+from daest.cli.output import emit, keep_inputs, note, whole_file, write_text
 from daest.cli.progress import progress
 from daest.errors import ConfigError
 
@@ -175,11 +175,12 @@ def _keep(project: Project, document: Mapping[str, Any], found: Design) -> None:
     """Leave the design among the results, and its input beside it, where `daest report` looks."""
     import numpy as np
 
+    from daest.cli.results import write_document
+
     series = (project.results / RESULT).with_suffix(".npz")
     with whole_file(series) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, time=found.limits.time, inputs=found.inputs)
-    with whole_file(project.results / RESULT) as temporary:
-        temporary.write_text(to_json(with_schema(document, "design")), encoding="utf-8")
+    write_document(document, "design", project.results / RESULT)
 
 
 def _task(
@@ -209,7 +210,7 @@ def _task(
     hold = causal_hold(data_options.chosen_hold(project, driven, fit.document if fit else None))
     limits = _limits(driven, recordings, wish, hold)
     recorded = _recorded_inputs(driven, played, limits)
-    folders = (*model_options.libraries, *project.libraries)
+    folders = model_options.folders(project)
     aim, subjects = _aim(project, measured, loop, limits, recorded, wish, folders, seed)
     sensors = assignments(wish.sensors, "--sensor")
     commanded = tuple(v.name for v in measured.inputs if v not in driven.inputs)
@@ -225,9 +226,7 @@ def _loop(wish: Wish, options: ModelOptions, project: Project) -> Loop:
     from daest.modelica.closed_loop import closed_loop
     from daest.modelica.compile import compile_model
 
-    controller = compile_model(
-        model_source(project, wish.controller), None, (*options.libraries, *project.libraries)
-    )
+    controller = compile_model(model_source(project, wish.controller), None, options.folders(project))
     return lambda flat: closed_loop(with_equations(flat, "the loop of a controller"), controller)
 
 
@@ -283,7 +282,9 @@ def _limits(flat: Model, recordings: Sequence[Experiment], wish: Wish, hold: Hol
             "without a recording nothing tells how long and how finely the input may be played",
             remedy="give --length and --period in seconds, or a recording",
         )
-    band = (0.0, float("inf")) if wish.band is None else _band(wish.band)
+    band = 0.0, float("inf")
+    if wish.band is not None:
+        band = _two_numbers(wish.band, f"--band {wish.band}", "--band 0,10")
     return Limits(tuple(inputs), float(length), float(period), safe, band, hold)
 
 
@@ -355,10 +356,6 @@ def _aim(
 def _range(text: str) -> tuple[str, tuple[float, float]]:
     name, _, values = text.partition("=")
     return name.strip(), _two_numbers(values, f"--limit {text}", "--limit u=-5,5")
-
-
-def _band(text: str) -> tuple[float, float]:
-    return _two_numbers(text, f"--band {text}", "--band 0,10")
 
 
 def _two_numbers(values: str, what: str, remedy: str) -> tuple[float, float]:

@@ -141,19 +141,13 @@ def effect_aim(
 def _placed(flat: Model, name: str, place: str | None, folders: Sequence[Path]) -> tuple[Effect, Site]:
     """The effect of that name that fits at the place, or at the first place where one fits."""
     from daest.modelica.effects import find_effects
-    from daest.modelica.sites import find_site, fits, sites
+    from daest.modelica.sites import find_effect_site, fits, sites
 
-    group, known = find_effects(name, folders), sites(flat)
+    group = find_effects(name, folders)
     if place is None:
         for effect in group:
-            for site in known:
+            for site in sites(flat):
                 if fits(effect, site):
                     note(f"{effect.name} at {site.name}; --at names another place")
                     return effect, site
-    problems: list[ModelError] = []
-    for effect in sorted(group, key=lambda one: not any(fits(one, site) for site in known)):
-        try:
-            return effect, find_site(flat, place or effect.domain, effect)
-        except ModelError as problem:
-            problems.append(problem)
-    raise problems[0]
+    return find_effect_site(flat, group, place or group[0].domain)

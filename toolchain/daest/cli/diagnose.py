@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +26,7 @@ from daest.cli.options import (
     seed_option,
     split_data_options,
 )
-from daest.cli.output import emit, keep_inputs, note, telling, to_json, whole_file, with_schema
+from daest.cli.output import emit, keep_inputs, note, telling, whole_file
 from daest.cli.progress import progress
 from daest.errors import DaestError, EstimationError, FmuError, ModelError
 
@@ -46,6 +45,8 @@ RESULT = "diagnosis.json"
 KEPT = "diagnosis"  # folder of the refits that are done
 HALF = 0.5
 
+Parts = tuple["list[Experiment]", "list[Experiment]"]  # recordings for estimation and for validation
+
 
 @dataclass(frozen=True)
 class Search:
@@ -53,7 +54,7 @@ class Search:
 
     effects: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
-    jobs: int | None = None
+    jobs: int = 1
     cluster: str | None = None
     seed: int = 0
 
@@ -178,8 +179,7 @@ def opened(
     from daest.cli.results import training_files
     from daest.data.prepare import split_all
     from daest.diagnosis.clipping import clips_of
-    from daest.diagnosis.kept import KeptProofs, run_digest
-    from daest.modelica.effects import effect_library, library_digest
+    from daest.modelica.effects import effect_library
 
     require_cluster(search.cluster)
     source = model_source(project, model)
@@ -198,67 +198,49 @@ def opened(
         note("no validation data: the second half of every recording validates")
         halves = replace(data_choice.preparation(project), split=HALF)
         estimation, validation = split_all(estimation, halves)
-    folders = (*model_options.libraries, *project.libraries)
-    library = effect_library(folders)
-    if loaded.has_equations:
-        clipped = clips_of(estimation)
-        recorded = (estimation, validation)
-        drive = _sufficient(flat, estimation, validation, project, data_choice)
-        estimation, validation = drive.estimation, drive.validation
-        fit = _earlier_fit(project, source, loaded, estimation)
-        options = replace(_options(flat, folders, search, drive.hold, fit), clipped=clipped, held=drive.held)
-        straight = _straight(flat, drive.hold) if drive.held is None else ()
-        remarks = (*(() if fit is None else fit.remarks), *drive.remarks, *straight)
-        if fit is None and flat.parameters and not any(p.estimate for p in flat.parameters):
-            note(NONE_ESTIMATED)
-        binary = b""
-    else:
-        names, hold = _named_effects(search, folders), data_choice.known_hold(project, flat)
-        options, remarks, recorded = _engine_options(search, names, search.places, hold), (), None
-        binary = source.read_bytes()
+    folders = model_options.folders(project)
+    library, class_name = effect_library(folders), chosen_class(project, source, model_options.class_name)
+    read = tuple(training_files(project, data))
 
-    def kept(
-        estimation: list[Experiment], validation: list[Experiment], options: DiagnoseOptions
-    ) -> DiagnoseOptions:
-        """The options with what is kept of the run from one call to the next."""
-        decisive = (
-            options.effects, options.places, options.hold, options.seed, binary, library_digest(folders)
-        )  # fmt: skip
-        run = run_digest(flat, estimation, validation, decisive)
-        return replace(options, keeper=KeptProofs(project.results / KEPT, run, whole_file))
-
-    case = Case(
-        project,
-        source,
-        chosen_class(project, source, model_options.class_name),
-        folders,
-        flat,
-        estimation,
-        validation,
-        library,
-        kept(estimation, validation, options),
-        tuple(training_files(project, data)),
-        remarks,
-    )
-    if recorded is None or recorded[0] is estimation or _n_samples(recorded[0]) > MOST_AS_RECORDED:
-        return case
-
-    def as_recorded() -> Case:
-        known = replace(options, hold=data_choice.known_hold(project, flat), held=None)
-        estimation, validation = recorded
-        return replace(
-            case,
-            estimation=estimation,
-            validation=validation,
-            options=kept(estimation, validation, known),
-            remarks=(*remarks, AS_RECORDED),
+    def case_of(parts: Parts, options: DiagnoseOptions, remarks: tuple[str, ...] = ()) -> Case:
+        return _resumable(
+            Case(project, source, class_name, folders, flat, *parts, library, options, read, remarks)
         )
 
-    return replace(case, as_recorded=as_recorded)
+    recorded = estimation, validation
+    known_hold = data_choice.known_hold(project, flat)
+    if not loaded.has_equations:
+        names = _named_effects(search, folders)
+        return case_of(recorded, _engine_options(search, names, search.places, known_hold))
+    drive = _sufficient(flat, estimation, validation, project, data_choice)
+    fit = _earlier_fit(project, source, loaded, drive.estimation)
+    options = _options(flat, folders, search, drive.hold, fit)
+    options = replace(options, clipped=clips_of(estimation), held=drive.held)
+    straight = _straight(flat, drive.hold) if drive.held is None else ()
+    remarks = (*(() if fit is None else fit.remarks), *drive.remarks, *straight)
+    if fit is None and flat.parameters and not any(p.estimate for p in flat.parameters):
+        note(NONE_ESTIMATED)
+    case = case_of((drive.estimation, drive.validation), options, remarks)
+    if drive.estimation is estimation or sum(e.n_samples for e in estimation) > MOST_AS_RECORDED:
+        return case
+    finer = replace(options, hold=known_hold, held=None)
+    return replace(case, as_recorded=lambda: case_of(recorded, finer, (*remarks, AS_RECORDED)))
 
 
-def _n_samples(experiments: Sequence[Experiment]) -> int:
-    return sum(e.n_samples for e in experiments)
+def _resumable(case: Case) -> Case:
+    """The case whose refits are kept, so that an interrupted search goes on from them."""
+    from daest.diagnosis.kept import KeptProofs, run_digest
+    from daest.modelica.effects import library_digest
+
+    options = case.options
+    binary = b"" if case.flat.has_equations else case.source.read_bytes()
+    decisive = (
+        options.effects, options.places, options.hold, options.seed, binary, library_digest(case.folders)
+    )  # fmt: skip
+    run = run_digest(case.flat, case.estimation, case.validation, decisive)
+    return replace(
+        case, options=replace(options, keeper=KeptProofs(case.project.results / KEPT, run, whole_file))
+    )
 
 
 def _straight(flat: Model, hold: Hold | None) -> tuple[str, ...]:
@@ -363,7 +345,7 @@ def _engine_options(
         places=tuple(places),
         hold=hold,
         seed=search.seed,
-        jobs=search.jobs or os.cpu_count() or 1,
+        jobs=search.jobs,
         cluster=search.cluster,
     )
 
@@ -378,7 +360,7 @@ def _named_effects(search: Search, folders: Sequence[Path]) -> list[str]:
 def _known(flat: Model, search: Search, folders: Sequence[Path]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the effects and of the places as the search has them."""
     from daest.modelica.effects import find_effects
-    from daest.modelica.sites import find_site
+    from daest.modelica.sites import find_effect_site, find_site
 
     groups = [find_effects(name, folders) for name in search.effects]
     for group in groups:
@@ -389,28 +371,13 @@ def _known(flat: Model, search: Search, folders: Sequence[Path]) -> tuple[tuple[
         if not groups:
             places += [", ".join(part.strip() for part in place.split(",")), find_site(flat, place).name]
         for group in groups:
-            places.append(_place_for(flat, group, place))
+            places.append(find_effect_site(flat, group, place)[1].name)
     return tuple(dict.fromkeys(_named_effects(search, folders))), tuple(dict.fromkeys(places))
 
 
 def _names(name: str, group: Sequence[Effect]) -> list[str]:
     """What the search calls the effects: by name, unless more of a class name than that was given."""
     return [name] if name == group[0].name else [effect.class_name for effect in group]
-
-
-def _place_for(flat: Model, group: Sequence[Effect], place: str) -> str:
-    """The name of the place where one of the effects of a name fits."""
-    from daest.modelica.sites import find_site, fits, sites
-
-    problems: list[ModelError] = []
-    known = sites(flat)
-    # Of effects that several domains have, the one of this model tells best why it does not fit.
-    for effect in sorted(group, key=lambda effect: not any(fits(effect, site) for site in known)):
-        try:
-            return find_site(flat, place, effect).name
-        except ModelError as problem:
-            problems.append(problem)
-    raise problems[0]
 
 
 def _require_a_place(flat: Model, group: Sequence[Effect]) -> None:
@@ -497,12 +464,10 @@ def written_document(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
 
 def keep_diagnosis(project: Project, document: Mapping[str, Any], origin: Mapping[str, Any]) -> None:
     """Leave the diagnosis in the results of the project. Raises ConfigError `output-unwritable`."""
-    from daest.cli.results import KEPT_ELSEWHERE
+    from daest.cli.results import KEPT_ELSEWHERE, write_document
 
     path = project.results / RESULT
-    with whole_file(path, KEPT_ELSEWHERE) as temporary:
-        stored = with_schema({**document, "made_from": origin}, "diagnose")
-        temporary.write_text(to_json(stored), encoding="utf-8")
+    write_document({**document, "made_from": origin}, "diagnose", path, KEPT_ELSEWHERE)
     note(f"the diagnosis is in {path}")
 
 

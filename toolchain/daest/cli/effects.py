@@ -44,7 +44,7 @@ def command(
 
     model, name = _sorted(named, model)
     project = model_options.project()
-    folders = (*model_options.libraries, *project.libraries)
+    folders = model_options.folders(project)
     chosen = _chosen(name, folders)
     places = None
     if model is not None or project.source is not None:

@@ -12,6 +12,7 @@ from daest.cli.export_estimator import (
     estimator_options,
     export_estimator,
     needs_estimator,
+    require_fmu_name,
 )
 from daest.cli.given import Files, files
 from daest.cli.options import ModelOptions, example, format_option, model_options, output_option, set_option
@@ -82,10 +83,7 @@ def command(
     if compiler == "omc":
         _export_by_omc(source, project, model_options, target, bool(platforms or settings))
         return
-    if target.suffix.lower() != ".fmu":
-        raise ConfigError(
-            "export-suffix", f"an FMU is not called '{target.name}'", remedy="give a name that ends in .fmu"
-        )
+    require_fmu_name(target)
     flat = with_equations(model_options.load(project, source, settings), "an export")
     result = export_fmu(flat, target, chosen)
     emit(documents.document(result), "export", form, None, texts.text)
@@ -114,7 +112,7 @@ def _export_by_omc(
         )
     text = read_source(source)
     name = select_class(text, source, chosen_class(project, source, options.class_name))
-    job = OmcJob(source, text, name, (*options.libraries, *project.libraries))
+    job = OmcJob(source, text, name, options.folders(project))
     content = base_modelica_by_omc(job) if target.suffix == ".bmo" else fmu_by_omc(job)
     with whole_file(target) as temporary:
         temporary.write_bytes(content)

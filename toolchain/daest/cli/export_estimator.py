@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from daest.cli.options import TOLD_HOLD, gathered, hold_form
-from daest.cli.output import emit, keep_inputs, note, whole_file
+from daest.cli.output import emit, keep_inputs, whole_file
 from daest.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -87,6 +87,14 @@ def needs_estimator(options: EstimatorOptions) -> None:
         )
 
 
+def require_fmu_name(target: Path) -> None:
+    """Raises ConfigError `export-suffix` for a file that is not called as an FMU."""
+    if target.suffix.lower() != ".fmu":
+        raise ConfigError(
+            "export-suffix", f"an FMU is not called '{target.name}'", remedy="give a name that ends in .fmu"
+        )
+
+
 def export_estimator(
     project: Project,
     source: Path,
@@ -97,12 +105,14 @@ def export_estimator(
     output: Path | None,
 ) -> None:
     """Write the estimator of `flat` with its fit, if there is one, and tell what was written."""
+    from daest.cli.results import with_fit
     from daest.estimation.estimator import estimator_model
     from daest.model.holds import FOH, checked_hold
     from daest.report.documents import export as documents
     from daest.report.texts import export as texts
 
-    flat, fit = _fitted(project, source, flat)
+    flat, found = with_fit(project, source, flat)
+    fit = {} if found is None else found.document
     names = [one.name for one in flat.inputs]
     given = ((options.hold, "--hold"), (project.hold, TOLD_HOLD), (fit.get("hold"), "the fit"))
     hold = next((checked_hold(one, names, where) for one, where in given if one), None) or FOH
@@ -121,19 +131,6 @@ def export_estimator(
     emit(documents.document(written), "export", form, None, texts.text)
 
 
-def _fitted(project: Project, source: Path, flat: Model) -> tuple[Model, dict[str, Any]]:
-    from daest.cli.results import find_fit, fitted
-
-    fit = find_fit(project, source, flat)
-    if fit is None:
-        note("no fit found: the parameters and the noise of the model are used")
-        return flat, {}
-    note(f"parameters and noise of {fit.path}")
-    for remark in fit.remarks:
-        note(remark)
-    return fitted(flat, fit.document), dict(fit.document)
-
-
 def _write_fmu(
     model: EstimatorModel,
     source: Path,
@@ -148,10 +145,7 @@ def _write_fmu(
             "estimator-option", "an FMU computes in double precision", remedy="use --float with --c FOLDER"
         )
     target = output or Path(f"{source.stem}_estimator.fmu")
-    if target.suffix.lower() != ".fmu":
-        raise ConfigError(
-            "export-suffix", f"an FMU is not called '{target.name}'", remedy="give a name that ends in .fmu"
-        )
+    require_fmu_name(target)
     keep_inputs(target, [source])
     return export_estimator_fmu(model, target, platforms, options.version)
 

@@ -76,7 +76,9 @@ def command(
     """
     from daest.cli.models import model_source
     from daest.modelica.compile import compile_model
+    from daest.modelica.effects import find_effects
     from daest.modelica.extend import extend_model
+    from daest.modelica.sites import find_effect_site
     from daest.report.documents.effects import extension_document
     from daest.report.texts import extend as texts
 
@@ -92,10 +94,10 @@ def command(
         )
     to_file = output is not None and str(output) != "-"
     keep_inputs(output, [source])
-    folders = (*model_options.libraries, *project.libraries)
+    folders = model_options.folders(project)
     chosen = model_options.class_name or (project.class_name if model is None else None)
     flat = compile_model(source, chosen, folders)
-    effect, site = _placed(effect_name, place, flat, folders)
+    effect, site = find_effect_site(flat, find_effects(effect_name, folders), place)
     values, parameters = _values(settings, effect, flat)
     values = {**_diagnosed(project, flat, effect, site), **values}
     extension = extend_model(
@@ -122,20 +124,6 @@ def command(
         str(output) if to_file else None,
     )
     emit(document, "extend", form, None, texts.text)
-
-
-def _placed(name: str, place: str, flat: Model, folders: Sequence[Path]) -> tuple[Effect, Site]:
-    """The effect and its site; a name that several domains have is decided by the place."""
-    from daest.modelica.effects import find_effects
-    from daest.modelica.sites import find_site
-
-    problems: list[ModelError] = []
-    for effect in find_effects(name, folders):
-        try:
-            return effect, find_site(flat, place, effect)
-        except ModelError as problem:
-            problems.append(problem)
-    raise problems[0]
 
 
 def _diagnosed(project: Project, flat: Model, effect: Effect, site: Site) -> dict[str, float]:

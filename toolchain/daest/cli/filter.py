@@ -214,18 +214,10 @@ def _prepared(
 ) -> _Prepared:
     from daest.cli.models import model_source, with_settings
     from daest.cli.recordings import unseen_data
-    from daest.cli.results import find_fit, fitted
+    from daest.cli.results import with_fit
 
     source = model_source(project, model)
-    flat = model_options.load(project, source)
-    fit = find_fit(project, source, flat)
-    if fit is None:
-        note("no fit found: the parameters and the noise of the model are used")
-    else:
-        note(f"parameters and noise of {fit.path}")
-        for remark in fit.remarks:
-            note(remark)
-        flat = fitted(flat, fit.document)
+    flat, fit = with_fit(project, source, model_options.load(project, source))
     flat = with_settings(flat, settings)
     # What is estimated from a recording needs no part that the model has not seen.
     flat, experiments = unseen_data(flat, project, [data] if data else [], options, splits_windows=False)

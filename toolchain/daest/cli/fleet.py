@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -64,7 +63,7 @@ def command(
     effects: tuple[str, ...],
     no_diagnose: bool,
     html: Path | None,
-    jobs: int | None,
+    jobs: int,
     cluster: str | None,
     model_options: ModelOptions,
     data_options: DataOptions,
@@ -93,7 +92,7 @@ def command(
     require_cluster(cluster)
     source = model_source(project, files.model)
     flat = parameters.applied(model_options.load(project, source))
-    folders = (*model_options.libraries, *project.libraries)
+    folders = model_options.folders(project)
     for name in effects:
         find_effects(name, folders)
     options = FleetOptions(
@@ -102,7 +101,7 @@ def command(
         diagnoses=not no_diagnose and flat.has_equations,
         effects=effects,
         seed=seed,
-        jobs=jobs or os.cpu_count() or 1,
+        jobs=jobs,
         cluster=cluster,
         library=effect_library(folders),
     )
@@ -233,13 +232,13 @@ def _key(path: Path, digest: str) -> str:
 
 def _recorded(task: Task, files: Iterable[tuple[str, Path]]) -> Iterator[Recorded]:
     """The recordings as they are read, one after the other."""
-    from daest.cli.recordings import signals
+    from daest.cli.recordings import signals, words_of
     from daest.data.read import measured_names, read_experiments, select_outputs
     from daest.diagnosis.fleet import Recorded
     from daest.modelica.change import with_outputs
 
     project = task.project
-    words: dict[str, Any] = {"time": project.time, "units": project.units, "others": True}
+    words = {**words_of(project), "others": True}
     for name, path in files:
         try:
             preparation = task.data_options.preparation(project)

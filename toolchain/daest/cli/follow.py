@@ -289,18 +289,11 @@ def fitted_model(
 ) -> tuple[Model, Any]:
     """The model with its fit, if there is one, and the hold of its inputs."""
     from daest.cli.models import model_source
-    from daest.cli.results import find_fit, fitted
+    from daest.cli.results import with_fit
 
     source = model_source(project, model)
-    flat = model_options.load(project, source)
-    fit = find_fit(project, source, flat)
-    if fit is None:
-        note("no fit found: the parameters and the noise of the model are used")
-        return flat, data_options.chosen_hold(project, flat)
-    note(f"parameters and noise of {fit.path}")
-    for remark in fit.remarks:
-        note(remark)
-    return fitted(flat, fit.document), data_options.chosen_hold(project, flat, fit.document)
+    flat, fit = with_fit(project, source, model_options.load(project, source))
+    return flat, data_options.chosen_hold(project, flat, fit.document if fit else None)
 
 
 @contextmanager

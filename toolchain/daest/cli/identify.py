@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -116,7 +115,7 @@ def command(
     shooting: int | None,
     starts: int,
     bootstrap: int | None,
-    jobs: int | None,
+    jobs: int,
     cluster: str | None,
     model_options: ModelOptions,
     data_options: DataOptions,
@@ -142,7 +141,7 @@ def command(
         shooting=shooting,
         starts=starts,
         seed=seed,
-        jobs=jobs or os.cpu_count() or 1,
+        jobs=jobs,
         cluster=cluster,
     )
     options = parameters.among(options)

@@ -20,7 +20,7 @@ from daest.cli.options import (
     plot_option,
     split_data_options,
 )
-from daest.cli.output import emit, note, telling, to_json, whole_file, with_schema
+from daest.cli.output import emit, note, telling, write_text
 from daest.cli.progress import progress
 from daest.errors import ConfigError, DaestError, Place
 from daest.files import passing_folder
@@ -227,19 +227,14 @@ def _write(
 ) -> None:
     """Models (by name of the file), picture and, last, the ledger; files of an earlier ledger that have no
     successor go."""
+    from daest.cli.results import write_document
     from daest.report.diagnosis_figures import staircase_figure
-    from daest.report.figures import save
 
     earlier = _earlier_files(folder)
     for name, text in texts.items():
-        with whole_file(folder / name) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    with whole_file(folder / PICTURE) as temporary:
-        save(staircase_figure(document), temporary)
-    with whole_file(folder / LEDGER) as temporary:
-        temporary.write_text(
-            to_json(with_schema({**document, "made_from": made_from}, "improve")), encoding="utf-8"
-        )
+        write_text(text, folder / name)
+    draw(folder / PICTURE, lambda: staircase_figure(document))
+    write_document({**document, "made_from": made_from}, "improve", folder / LEDGER)
     for name in earlier - set(texts):
         (folder / name).unlink(missing_ok=True)
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -124,6 +125,10 @@ class ModelOptions:
 
         return load_project(self.project_file)
 
+    def folders(self, project: Project) -> tuple[Path, ...]:
+        """The folders of libraries of the command line, then those of daest.toml."""
+        return (*self.libraries, *project.libraries)
+
     def load(
         self, project: Project, given: Path | None, settings: Mapping[str, float] | None = None
     ) -> Model:
@@ -220,6 +225,7 @@ jobs_option = click.option(
     type=click.IntRange(min=1),
     metavar="N",
     envvar="DAEST_JOBS",
+    callback=lambda _ctx, _param, given: given or os.cpu_count() or 1,
     help="Fits at a time on this machine (default: DAEST_JOBS, else one per core).",
 )
 cluster_option = click.option(

@@ -23,6 +23,7 @@ Document = dict[str, Any]
 UNWRITABLE = "output-unwritable"
 # Columns where nobody looks at a terminal (a pipe, a file, a test), so that output does not depend on it.
 PIPE_WIDTH = 100
+CHOOSE_FOLDER = "choose a folder that can be written, with -o"
 LATEST = "fit.json"  # in the results folder: the fit that was made last
 
 
@@ -106,7 +107,7 @@ def telling(tell: Callable[[], None]) -> Iterator[None]:
 
 
 @contextmanager
-def whole_file(path: Path, remedy: str = "choose a folder that can be written, with -o") -> Iterator[Path]:
+def whole_file(path: Path, remedy: str = CHOOSE_FOLDER) -> Iterator[Path]:
     """As `daest.files.whole_file`, in a folder that is made where it is missing. Raises ConfigError
     `output-unwritable` where nothing can be written."""
     try:

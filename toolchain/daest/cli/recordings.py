@@ -29,7 +29,7 @@ def training_data(
     """
     preparation = options.preparation(project)
     estimation_paths = list(paths) or list(project.estimate)
-    _require(estimation_paths)
+    require_recordings(estimation_paths)
     validation_paths = [] if preparation.split is not None else list(project.validate)
     experiments = _read(flat, project, [*estimation_paths, *validation_paths], preparation, others)
     flat, experiments = _measured(flat, experiments)
@@ -51,7 +51,7 @@ def unseen_data(
     --from and --to cut out is taken as a whole."""
     preparation = options.preparation(project)
     chosen = list(paths) or list(project.validate) or list(project.estimate)
-    _require(chosen)
+    require_recordings(chosen)
     is_whole = options.has_window and not splits_windows
     validates = not paths and not project.validate and preparation.split is not None and not is_whole
     if not paths:
@@ -68,13 +68,19 @@ def driving_data(
     """Recordings that drive a simulation: outputs may be missing."""
     preparation = replace(options.preparation(project), split=None)
     chosen = list(paths) or list(project.estimate)
-    _require(chosen)
+    require_recordings(chosen)
     return read_experiments(
-        chosen, *signals(flat, project), preparation, outputs_required=False, others=False, **_words(project)
+        chosen,
+        *signals(flat, project),
+        preparation,
+        outputs_required=False,
+        others=False,
+        **words_of(project),
     )
 
 
-def _require(paths: Sequence[Path]) -> None:
+def require_recordings(paths: Sequence[Path]) -> None:
+    """Raises ConfigError `data-not-given` where there are none."""
     if not paths:
         raise ConfigError(
             "data-not-given",
@@ -89,8 +95,7 @@ def _read(
     """The recordings, looked at as they are, then prepared; remarks and warnings go to stderr."""
     raw = replace(preparation, period=None, detrend="none")
     experiments = []
-    words = {**_words(project), "others": others}
-    read = read_experiments(paths, *signals(flat, project), raw, **words)
+    read = read_experiments(paths, *signals(flat, project), raw, others=others, **words_of(project))
     measured = measured_names(read)  # what no recording holds is told once, for all of them
     for experiment in read:
         for finding in check_experiment(select_outputs(experiment, measured)).warnings:
@@ -108,12 +113,12 @@ def measured_recordings(
     """The recordings as they are in the `window`, and the model with its measured outputs alone. Says
     nothing."""
     only = Preparation(start=window.start, stop=window.stop)
-    experiments = read_experiments(paths, *signals(flat, project), only, **_words(project))
+    experiments = read_experiments(paths, *signals(flat, project), only, **words_of(project))
     names = measured_names(experiments)
     return with_outputs(flat, names), [select_outputs(experiment, names) for experiment in experiments]
 
 
-def _words(project: Project) -> dict[str, Any]:
+def words_of(project: Project) -> dict[str, Any]:
     """What daest.toml says about the columns of every file."""
     return {"time": project.time, "units": project.units}
 

@@ -193,7 +193,7 @@ def _versions(documents: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, st
 
 def _trace(project: Project, documents: Mapping[str, dict[str, Any]]) -> tuple[Traced, ...]:
     """The files behind the results, each content once, with what has become of it."""
-    from daest.cli.results import fingerprint
+    from daest.cache import hash_of
     from daest.report.page.material import Traced
 
     used: dict[tuple[str, str, str], list[str]] = {}
@@ -203,7 +203,7 @@ def _trace(project: Project, documents: Mapping[str, dict[str, Any]]) -> tuple[T
     traced = []
     for (role, path, digest), commands in sorted(used.items()):
         now = project.folder / path
-        state = "missing" if not now.is_file() else "same" if fingerprint(now) == digest else "changed"
+        state = "missing" if not now.is_file() else "same" if hash_of(now) == digest else "changed"
         traced.append(Traced(role, path, digest, state, tuple(commands)))
     return tuple(traced)
 

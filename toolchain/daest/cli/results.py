@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from daest import __version__
-from daest.cli.output import LATEST, Document, to_json, whole_file, with_schema
+from daest.cache import hash_of
+from daest.cli.output import CHOOSE_FOLDER, LATEST, Document, note, to_json, whole_file, with_schema
 from daest.data.project import Project
 from daest.errors import ConfigError, Place
 from daest.files import why_no_file
@@ -43,11 +44,18 @@ def save_fit(
     """Write the fit as results/fit.json and as the fit of this model; returns the first. `flat` is the model
     before the fit, and `origin` says what the fit was made from."""
     key = {**_model_key(project, source, flat.name), "fingerprint": model_fingerprint(flat, source)}
-    marked = with_schema({**document, "model": key, "made_from": origin}, "identify")
+    marked = {**document, "model": key, "made_from": origin}
     for path in reversed(_fit_files(project.results, flat.name)):
-        with whole_file(path, KEPT_ELSEWHERE) as temporary:
-            temporary.write_text(to_json(marked), encoding="utf-8")
+        write_document(marked, "identify", path, KEPT_ELSEWHERE)
     return project.results / LATEST
+
+
+def write_document(
+    document: Mapping[str, Any], command: str, path: Path, remedy: str = CHOOSE_FOLDER
+) -> None:
+    """Write the document of a command as JSON. Raises ConfigError `output-unwritable` with the remedy."""
+    with whole_file(path, remedy) as temporary:
+        temporary.write_text(to_json(with_schema(document, command)), encoding="utf-8")
 
 
 def find_fit(project: Project, source: Path, flat: Model) -> KeptFit | None:
@@ -105,6 +113,18 @@ def read_document(path: Path) -> Document:
     )
 
 
+def with_fit(project: Project, source: Path, flat: Model) -> tuple[Model, KeptFit | None]:
+    """The model with its fit, if there is one, which is told on stderr. Raises what `find_fit` raises."""
+    fit = find_fit(project, source, flat)
+    if fit is None:
+        note("no fit found: the parameters and the noise of the model are used")
+        return flat, None
+    note(f"parameters and noise of {fit.path}")
+    for remark in fit.remarks:
+        note(remark)
+    return fitted(flat, fit.document), fit
+
+
 def fitted(flat: Model, document: Mapping[str, Any]) -> Model:
     """The model with all parameters of a fit, held ones too, and its noises, where the names exist.
 
@@ -157,7 +177,7 @@ def model_fingerprint(flat: Model, source: Path) -> dict[str, Any]:
     """
     values = {p.name: p.value for p in flat.parameters}
     if not isinstance(flat, FlatModel):
-        return {"values": values, "equations": fingerprint(source), "outputs": {}}
+        return {"values": values, "equations": hash_of(source), "outputs": {}}
     texts = [e.text for e in (*flat.equations, *flat.initial_equations)]
     texts += [f"{d.name} = {d.expression}" for d in flat.derived_parameters]
     expressions = [str(flat.output_expressions[i]) for i in range(len(flat.outputs))]
@@ -190,7 +210,6 @@ def _digest(texts: Sequence[str]) -> str:
 
 
 PACKAGES = ("casadi", "numpy", "rumoca", "scipy")  # those that numbers may depend on
-BLOCK = 1 << 20  # bytes
 
 
 def keep(
@@ -208,15 +227,11 @@ def keep(
     """
     if project.file is None:
         return
-    from daest.cli.output import note
-
-    content = with_schema({**document, "made_from": origin}, command)
     try:
         if series is not None:
             with whole_file(project.results / f"{name}.npz") as temporary, temporary.open("wb") as stream:
                 np.savez_compressed(stream, **series)  # type: ignore[arg-type]
-        with whole_file(project.results / f"{name}.json") as temporary:
-            temporary.write_text(to_json(content), encoding="utf-8")
+        write_document({**document, "made_from": origin}, command, project.results / f"{name}.json")
     except ConfigError as problem:
         note(f"not kept for daest report: {problem.what}")
 
@@ -234,15 +249,6 @@ def made_from(project: Project, models: Sequence[Path], recordings: Iterable[Pat
     }
 
 
-def fingerprint(path: Path) -> str:
-    """SHA-256 of the content of a file."""
-    digest = hashlib.sha256()
-    with path.open("rb") as stream:
-        while block := stream.read(BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
-
-
 def training_files(project: Project, given: Sequence[Path]) -> list[Path]:
     """The recordings of a command that estimates: `given`, else those of daest.toml."""
     return [*(given or project.estimate), *project.validate]
@@ -258,6 +264,6 @@ def _file(project: Project, role: str, path: Path) -> dict[str, Any]:
     return {
         "role": role,
         "path": Path(relative).as_posix(),
-        "sha256": fingerprint(path),
+        "sha256": hash_of(path),
         "bytes": path.stat().st_size,
     }

@@ -135,7 +135,7 @@ def command(
         settings,
     )
     charts = _watch(opened, watch, seed)
-    folders = (*model_options.libraries, *project.libraries)
+    folders = model_options.folders(project)
     with publisher(watch.mqtt) as publish, told_at_the_end(opened.tally):
         n_alarms = _watched(
             opened, charts, watch, folders, seed, _teller(watch.form, charts.threshold, publish)
@@ -147,7 +147,7 @@ def _watch(stream: Stream, options: WatchOptions, seed: int) -> Watch:
     """The charts with their threshold: of white innovations, or of those of the reference."""
     import numpy as np
 
-    from daest.cli.recordings import signals
+    from daest.cli.recordings import signals, words_of
     from daest.data.read import read_experiments, select_outputs
     from daest.estimation.change import Usual, threshold_for, usual_of
     from daest.estimation.watch import QUIET, Watch
@@ -156,8 +156,8 @@ def _watch(stream: Stream, options: WatchOptions, seed: int) -> Watch:
     usual = Usual.white(len(names))
     if options.reference is not None:
         project = stream.project
-        words: dict[str, Any] = {"time": project.time, "units": project.units}
-        experiment = read_experiments([options.reference], *signals(stream.flat, project), **words)[0]
+        names_of = signals(stream.flat, project)
+        experiment = read_experiments([options.reference], *names_of, **words_of(project))[0]
         recorded = select_outputs(experiment, names)
         usual = usual_of(np.array([e.whitened for e in stream.estimates_of(recorded)]))
     # The samples after an alarm that raise no other one are a part of what is promised.

@@ -17,9 +17,8 @@ from itertools import combinations
 
 import numpy as np
 
-from daest.errors import DataError
 from daest.model.experiment import Finding, Level, Role
-from daest.quantities import conversion
+from daest.quantities import converts
 
 FEWEST = 50  # values below which nothing is said but that a column is constant
 LEVELS = 10  # a signal of no more different values is a switch, not a measurement
@@ -441,11 +440,11 @@ def pair_findings(series: Sequence[Series], period: float) -> list[Finding]:
     shown = [s for s in series if s.values.size <= LONGEST and np.ptp(s.values) > 0][:MOST_COLUMNS]
     found = [finding for a, b in combinations(shown, 2) for finding in _computed(a, b, period)]
     for a, b in combinations([s for s in shown if s.unit], 2):
-        if _converts(a.unit, b.unit):
+        if converts(a.unit, b.unit):
             found += _compared(a, b, _centred(a.values), _centred(b.values), "", period)
-        elif _converts(f"({a.unit})/s", b.unit):
+        elif converts(f"({a.unit})/s", b.unit):
             found += _compared(a, b, *_with_integral(a, b), "the rate of ", period)
-        elif _converts(f"({b.unit})/s", a.unit):
+        elif converts(f"({b.unit})/s", a.unit):
             found += _compared(b, a, *_with_integral(b, a), "the rate of ", period)
     return found
 
@@ -534,11 +533,3 @@ def _detrended(values: np.ndarray) -> np.ndarray:
     """Without the straight line of least squares."""
     rest, time = _centred(values), _centred(np.arange(values.size, dtype=float))
     return rest - time * (time @ rest) / max(time @ time, 1.0)
-
-
-def _converts(given: str, wanted: str) -> bool:
-    try:
-        conversion(given, wanted)
-    except DataError:
-        return False
-    return True

@@ -11,9 +11,8 @@ import numpy as np
 
 from daest.data.read import Signal
 from daest.data.table import Column, Table, column_unit, stem, time_unit, told_unit, with_seconds
-from daest.errors import DataError
 from daest.model.experiment import Finding
-from daest.quantities import conversion, may_count_turns
+from daest.quantities import converts, may_count_turns
 
 How = Literal["name", "similar name", "part of its name", "description", "unit", "being the only one left"]
 
@@ -141,17 +140,17 @@ def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) ->
     if how == "name":
         return signal.name in (column.name, column.header)
     if how == "similar name":
-        names = {column.name.lower(), _stem(column.name).lower(), stem(column).lower()}
+        names = {column.name.lower(), column.name.rsplit("_", 1)[0].lower(), stem(column).lower()}
         return signal.name.lower() in names or signal.name.rsplit(".", 1)[-1].lower() in names
     if how == "part of its name":
-        unit = _told_unit(column, signal)
         is_part = _words(signal.name.rsplit(".", 1)[-1]) <= _words(stem(column))
-        return is_part and (not unit or not signal.unit or _same_kind(unit, signal.unit))
+        return is_part and _may_be(signal, column)
     rivals = [other for other in others if other is not signal and _same_kind(other.unit, signal.unit)]
     return not rivals and bool(signal.unit) and _same_kind(_told_unit(column, signal), signal.unit)
 
 
 def _may_be(signal: Signal, column: Column) -> bool:
+    """Whether the units of both do not differ in kind, as far as they are known."""
     unit = _told_unit(column, signal)
     return not unit or not signal.unit or _same_kind(unit, signal.unit)
 
@@ -176,15 +175,5 @@ def _words(name: str) -> set[str]:
     return {word for word in re.split(r"[\W_]+", name.lower()) if word}
 
 
-def _stem(name: str) -> str:
-    return name.rsplit("_", 1)[0] if "_" in name else name
-
-
 def _same_kind(given: str, wanted: str) -> bool:
-    if not given or not wanted:
-        return False
-    try:
-        conversion(given, wanted)
-    except DataError:
-        return False
-    return True
+    return bool(given and wanted) and converts(given, wanted)

@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -205,8 +206,8 @@ class _Reader:
             preparation=preparation,
             hold=self._hold(data),
             parameters=parameters,
-            process_noise=self._settings(noise, "process", self._process, "noise."),
-            measurement_noise=self._settings(noise, "measurement", self._measurement, "noise."),
+            process_noise=self._settings(noise, "process", partial(self._noise, "intensity"), "noise."),
+            measurement_noise=self._settings(noise, "measurement", partial(self._noise, "std"), "noise."),
         )
         if project.validate and preparation.split is not None:
             self._problem(
@@ -281,13 +282,7 @@ class _Reader:
             what = f"the start {setting.value:g} of '{name}' lies outside its bounds {low:g} to {high:g}"
             self._problem("config-value", what, place, "start", "move the start or the bound")
 
-    def _process(self, section: str, name: str, entry: dict[str, Any]) -> NoiseSetting:
-        return self._noise(section, name, entry, "intensity")
-
-    def _measurement(self, section: str, name: str, entry: dict[str, Any]) -> NoiseSetting:
-        return self._noise(section, name, entry, "std")
-
-    def _noise(self, section: str, name: str, entry: dict[str, Any], size: str) -> NoiseSetting:
+    def _noise(self, size: str, section: str, name: str, entry: dict[str, Any]) -> NoiseSetting:
         place = f"{section}.{name}"
         self._known(entry, place, tuple(KEYS[section]))
         number = self._number(entry, place, size)
@@ -303,7 +298,7 @@ class _Reader:
             self._wrong_type(prefix.rstrip("."), key, "a section")
             return {}
         found = {}
-        for name, entry in _flattened(table):
+        for name, entry in _flattened(table, _is_part_of_a_name):
             if isinstance(entry, dict):
                 found[name] = read(f"{prefix}{key}", name, entry)
             else:
@@ -369,7 +364,11 @@ class _Reader:
 
     def _map(self, data: dict[str, Any], key: str) -> dict[str, str]:
         table = data.get(key, {})
-        pairs = dict(_flattened_map(table)) if isinstance(table, dict) else None
+        pairs = (
+            dict(_flattened(table, lambda entry: isinstance(entry, dict)))
+            if isinstance(table, dict)
+            else None
+        )
         if pairs is None or not all(isinstance(column, str) for column in pairs.values()):
             self._wrong_type("data", key, 'model names and columns, as in { u = "voltage" }')
             return {}
@@ -386,16 +385,16 @@ class _Reader:
         return Place(str(self.file), _line_of(self.lines, section, key))
 
 
-def _flattened(table: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+def _flattened(
+    table: dict[str, Any], is_part: Callable[[Any], bool], prefix: str = ""
+) -> Iterator[tuple[str, Any]]:
     """Pairs of dotted name and entry: an unquoted `spring.c = {...}` nests in TOML and means the quoted
-    name."""
-    pairs: list[tuple[str, Any]] = []
+    name. `is_part` tells the tables that are a part of a name from entries."""
     for key, entry in table.items():
-        if _is_part_of_a_name(entry):
-            pairs += _flattened(entry, f"{prefix}{key}.")
+        if is_part(entry):
+            yield from _flattened(entry, is_part, f"{prefix}{key}.")
         else:
-            pairs.append((f"{prefix}{key}", entry))
-    return pairs
+            yield f"{prefix}{key}", entry
 
 
 def _is_part_of_a_name(entry: Any) -> bool:
@@ -403,17 +402,6 @@ def _is_part_of_a_name(entry: Any) -> bool:
     if not isinstance(entry, dict) or not entry or not all(isinstance(v, dict) for v in entry.values()):
         return False
     return set(entry) != {"prior"} or any(isinstance(v, dict) for v in entry["prior"].values())
-
-
-def _flattened_map(table: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """The same where the entries are texts: every table is a part of a name."""
-    pairs: list[tuple[str, Any]] = []
-    for key, entry in table.items():
-        if isinstance(entry, dict):
-            pairs += _flattened_map(entry, f"{prefix}{key}.")
-        else:
-            pairs.append((f"{prefix}{key}", entry))
-    return pairs
 
 
 def _line_of(lines: list[str], section: str, key: str) -> int | None:

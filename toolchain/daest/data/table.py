@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from daest.errors import DaestError, DataError, Place
-from daest.quantities import conversion, dimensions, is_known_unit
+from daest.quantities import conversion, converts, dimensions, is_known_unit
 
 if TYPE_CHECKING:
     from daest.model.experiment import Finding, Level
@@ -139,7 +139,7 @@ def _name_and_unit(name: str) -> tuple[str, str]:
     """A name without the known unit that it ends with, and that unit; the whole name and the empty text where
     it ends with none."""
     rate = _BEHIND_RATE.search(name)
-    if rate is not None and is_known_unit(rate["unit"]) and not _is_time(rate["unit"]):
+    if rate is not None and is_known_unit(rate["unit"]) and not converts(rate["unit"], "s"):
         return name[: rate.start()], f"{rate['unit']}/{rate['per']}"
     behind = _BEHIND.search(name)
     if behind is None:
@@ -241,7 +241,7 @@ def told_unit(column: Column) -> str | None:
     """The unit in which the column of the time counts, where anything tells it: its header, the end of its
     name (`t_ms`), or values that are seconds, ms, us or ns since 1970. None: nothing tells it."""
     unit = column_unit(column)
-    if column.unit is not None or (unit and _is_time(unit)):
+    if column.unit is not None or (unit and converts(unit, "s")):
         return unit
     return _epoch_unit(column.values)
 
@@ -287,14 +287,6 @@ def unit_findings(column: Column) -> list[Finding]:
 
     level: Level = "note" if time_unit(column) is not None else "warning"
     return [Finding("check-time-unit", level, column.name, text)]
-
-
-def _is_time(unit: str) -> bool:
-    try:
-        conversion(unit, "s")
-    except DataError:
-        return False
-    return True
 
 
 def with_seconds(column: Column) -> Column:

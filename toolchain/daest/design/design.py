@@ -356,8 +356,10 @@ def _of_length(inputs: np.ndarray, share: float) -> np.ndarray:
 def told(found: Design, aim: Aim) -> str:
     """The design in a sentence."""
     best = found.families[0]
-    ranges = ", ".join(f"{r.name} from {_lowest(found, i):.3g} to {_highest(found, i):.3g} {r.unit}".rstrip()
-                       for i, r in enumerate(found.limits.inputs))  # fmt: skip
+    ranges = ", ".join(
+        f"{r.name} from {u.min():.3g} to {u.max():.3g} {r.unit}".rstrip()
+        for r, u in zip(found.limits.inputs, found.inputs.T, strict=True)
+    )
     how = _how(best, found.families)
     return f"Play {how} for {found.limits.length:.4g} s, {ranges}: {_promise(found, aim)}."
 
@@ -366,14 +368,6 @@ def _how(best: Played, families: Sequence[Played]) -> str:
     if best.family != FREE:
         return f"{best.family} ({best.shape})"
     return "the free input that the gradient found"
-
-
-def _lowest(found: Design, column: int) -> float:
-    return float(found.inputs[:, column].min())
-
-
-def _highest(found: Design, column: int) -> float:
-    return float(found.inputs[:, column].max())
 
 
 def _promise(found: Design, aim: Aim) -> str:

@@ -108,7 +108,6 @@ def detect_aim(
     size: float | None,
     required: Required,
     loads: Loads,
-    shape: Mapping[str, float] | None = None,
     loop: Loop = lambda flat: flat,
 ) -> tuple[DetectAim, tuple[Subject, ...]]:
     """The aim of seeing `effect` at a place of `flat`, through whose noises the `loads` act. `size` is that
@@ -123,7 +122,7 @@ def detect_aim(
             remedy="give an effect with a size parameter: daest effects NAME shows them",
         )
     starts = np.array([p.start for p in sizes])
-    values = {**(shape or {}), **dict(zip((p.name for p in sizes), starts.tolist(), strict=True))}
+    values = dict(zip((p.name for p in sizes), starts.tolist(), strict=True))
     whole = with_effect(flat, effect, site, values, {})
     names = tuple(f"{COMPONENT}.{p.name}" for p in sizes)
     subjects = (Subject(loop(flat), estimated_names(flat)), Subject(loop(whole), names))

@@ -143,10 +143,10 @@ class Driven:
         return Point(at, initial_point(self.explicit, theta, inputs[0])[0])
 
 
-def information(explainer: Explainer, inputs: np.ndarray, z: np.ndarray | None = None) -> np.ndarray | None:
+def information(explainer: Explainer, inputs: np.ndarray) -> np.ndarray | None:
     """Fisher information (p, p) of a recording with these inputs, over the search coordinates; the initial
     state is unknown. None where the model cannot be simulated."""
-    at = explainer.start(inputs, z)
+    at = explainer.start(inputs)
     made = explainer.outputs(inputs, at)
     explained = explainer.explain(inputs, made, at) if np.all(np.isfinite(made)) else None
     if explained is None:

@@ -17,8 +17,9 @@ import numpy as np
 
 from daest.estimation import hybrid_filter, interpreted
 from daest.estimation.filter_task import Directions, Noise, Record, Start, Task, raise_failure
+from daest.numerics.compiler import pointer
 from daest.systems.event_update import Mode
-from daest.systems.local_linear import LocalModel, pointer
+from daest.systems.local_linear import LocalModel
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ from daest.estimation.filter_task import Noise, Start, Task, raise_failure
 from daest.estimation.gates import FIT
 from daest.estimation.interpreted import square_root
 from daest.estimation.particle_loop import ParticleLoop
+from daest.numerics.compiler import pointer
 from daest.systems.lanes import lane_library
-from daest.systems.local_linear import pointer
 
 Proposal = Literal["bootstrap", "ekf"]
 

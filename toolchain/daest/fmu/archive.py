@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from daest.errors import FmuError, printable
-from daest.files import passing_folder, why_no_file
+from daest.files import why_no_file
 
 # Limits against archives that are made to fill memory or disk. The largest FMUs in use (with maps or
 # neural networks as resources) stay well below.
@@ -176,12 +176,3 @@ def _clean_name(path: Path, info: zipfile.ZipInfo) -> str:
 
 def _damaged(path: Path, why: str) -> FmuError:
     return FmuError("fmu-damaged", f"The FMU is damaged: {why}.", where=str(path), remedy="Export it again.")
-
-
-@contextmanager
-def unpacked(path: str | Path, prefixes: tuple[str, ...]) -> Iterator[Path]:
-    """A temporary folder with the members below `prefixes`, removed at the end."""
-    with passing_folder("daest-fmu-") as folder:
-        with open_archive(path) as archive:
-            archive.unpack(folder, prefixes)
-        yield folder

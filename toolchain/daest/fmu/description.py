@@ -426,7 +426,7 @@ def dae_manifest(layout: Layout, functions: dict[str, ca.Function]) -> str:
         _unknown(structure, "Output", reference, known)
     for i, known in enumerate(_dependencies(functions["model_residual"], groups)):
         _unknown(structure, "Residual", layout.residual_base + i, known)
-    return _text(root)
+    return xml_text(root)
 
 
 def symbolic_manifest() -> str:
@@ -434,7 +434,7 @@ def symbolic_manifest() -> str:
     ET.register_namespace("fmi-ls", MANIFEST_NAMESPACE)
     root = ET.Element("fmiLayeredStandardManifest")
     _name_standard(root, "org.daest.symbolic-model", "1.0.0", "Symbolic model, serialized by CasADi")
-    return _text(root)
+    return xml_text(root)
 
 
 def _name_standard(root: ET.Element, name: str, version: str, description: str) -> None:
@@ -495,20 +495,20 @@ def model_description(
     ET.SubElement(root, "DefaultExperiment", startTime="0.0")
     root.append(variables)
     root.append(_structure(layout, functions))
-    return _text(root)
+    return xml_text(root)
 
 
-def build_description(identifier: str) -> str:
-    """sources/buildDescription.xml: how to compile the sources on a platform that the FMU has no binary
-    for.
-    """
+def build_description(identifier: str, main: str = f"{WRAPPER}.c") -> str:
+    """sources/buildDescription.xml: how to compile the sources, of which `main` includes the others, on a
+    platform that the FMU has no binary for."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
     file_set = ET.SubElement(configuration, "SourceFileSet", language="C99")
-    ET.SubElement(file_set, "SourceFile", name=f"{WRAPPER}.c")
-    return _text(root)
+    ET.SubElement(file_set, "SourceFile", name=main)
+    return xml_text(root)
 
 
-def _text(root: ET.Element) -> str:
+def xml_text(root: ET.Element) -> str:
+    """The document, indented, behind its XML declaration."""
     ET.indent(root, "  ")
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"

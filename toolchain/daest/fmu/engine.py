@@ -12,15 +12,13 @@ import functools
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
-from daest.errors import FmuError
 from daest.fmu.drive import Drive
 from daest.fmu.instance import CALLS, Instance
-from daest.numerics.compiler import build_shared
+from daest.numerics.compiler import build_shared, if_compiler, pointer, text_of
 
 # The caller hears this often how far the solution has come.
 TOLD_SECONDS = 0.2
@@ -37,14 +35,8 @@ def engine_library(
     sizes = {"FMI": fmi, "NX": n_x, "NU": n_u if n_columns is None else n_columns, "N_SET": n_u, "NL": n_laws}
     sizes |= {"NP": n_p, "NY": n_y, "NG": 0}
     lines = [f"#define {name} {value}" for name, value in sizes.items()]
-    asked = resources.files("daest.fmu").joinpath("foreign.c").read_text(encoding="utf-8")
-    method = resources.files("daest.numerics").joinpath("radau.c").read_text(encoding="utf-8")
-    try:
-        return build_shared("\n".join((*lines, asked, method)), "engine")
-    except FmuError as error:
-        if error.code != "no-c-compiler":
-            raise
-        return None
+    texts = (*lines, text_of("foreign.c", "daest.fmu"), text_of("radau.c"))
+    return if_compiler(lambda: build_shared("\n".join(texts), "engine"))
 
 
 @dataclass(frozen=True)
@@ -90,11 +82,11 @@ def follow(
     correction = _correction(drive)
     with _told(lambda: float(reached[0]), alive), _counted(_LONG.in_dll(library, "daest_calls")):
         status = library.daest_simulate(
-            _LONG(n), *map(_pointer, given), ctypes.c_int(directions), ctypes.c_int(plan.steps.size),
-            _pointer(start), *map(_pointer, correction), _LONG(0), None, ctypes.c_int(0),
-            ctypes.c_double(drive.rtol), _pointer(plan.atol),
-            _LONG(plan.most), *map(_pointer, (found.states, found.values, found.slopes)),
-            ctypes.byref(n_steps), _pointer(reached),
+            _LONG(n), *map(pointer, given), ctypes.c_int(directions), ctypes.c_int(plan.steps.size),
+            pointer(start), *map(pointer, correction), _LONG(0), None, ctypes.c_int(0),
+            ctypes.c_double(drive.rtol), pointer(plan.atol),
+            _LONG(plan.most), *map(pointer, (found.states, found.values, found.slopes)),
+            ctypes.byref(n_steps), pointer(reached),
         )  # fmt: skip
     return None if status or library.daest_refused() else found
 
@@ -120,16 +112,9 @@ def _bind(library: ctypes.CDLL, instances: Sequence[Instance], drive: Drive, pla
     inputs, outputs = (np.array(refs, dtype=np.uint32) for refs in (drive.inputs, drive.read))
     arrays = (inputs, outputs, plan.steps, plan.sizes)
     library.daest_bind(
-        functions, components, *map(_pointer, arrays), ctypes.c_int(plan.has_slopes),
-        _pointer(plan.laws), _pointer(plan.law_sizes),
+        functions, components, *map(pointer, arrays), ctypes.c_int(plan.has_slopes),
+        pointer(plan.laws), pointer(plan.law_sizes),
     )  # fmt: skip
-
-
-def _pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
-    if array is None:
-        return None
-    assert array.flags.c_contiguous
-    return ctypes.c_void_p(array.ctypes.data)
 
 
 @contextlib.contextmanager

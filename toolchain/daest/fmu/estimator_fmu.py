@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Literal
 
 import daest
-from daest.fmu.description import model_identifier
+from daest.fmu.description import build_description, model_identifier, xml_text
 from daest.fmu.estimator_code import EstimatorModel, estimator_files
 from daest.fmu.export import FLAGS, write_archive
-from daest.fmu.sources import SHARED, shared_code
+from daest.fmu.sources import SHARED
 from daest.model.fmu import EstimatorExport
-from daest.numerics.compiler import Platform, build_shared, native_platform, platform_named
+from daest.numerics.compiler import Platform, build_shared, native_platform, platform_named, text_of
 
 Version = Literal["2.0", "3.0"]
 Causality = Literal["independent", "input", "output", "parameter"]
@@ -64,7 +64,7 @@ def export_estimator_fmu(
     main = "fmi3.c" if version == "3.0" else "fmi2.c"
     archive |= {f"sources/{name}": text.encode() for name, text in texts.items()}
     if version == "3.0":
-        archive["sources/buildDescription.xml"] = _build_description(identifier, main)
+        archive["sources/buildDescription.xml"] = build_description(identifier, main).encode()
     for target in targets:
         included = {name: text for name, text in texts.items() if name != main}
         library = build_shared(texts[main], identifier, FLAGS, files=included, target=target)
@@ -146,7 +146,7 @@ def _sources(model: EstimatorModel, variables: Sequence[FmuVariable], version: V
     main = "fmi3.c" if version == "3.0" else "fmi2.c"
     own = {name: room.joinpath(name).read_text(encoding="utf-8") for name in (main, "instance.h")}
     if version == "3.0":
-        own[SHARED] = shared_code()
+        own[SHARED] = text_of(SHARED, "daest.fmu")
     return {
         **{name: text for name, text in code.items() if name != "main.c"},
         **own,
@@ -211,7 +211,7 @@ def _description(
         for index, v in outputs:
             which = {"valueReference": str(v.reference)} if is_3 else {"index": str(index)}
             ET.SubElement(listed, role if is_3 else "Unknown", {**which, "dependencies": ""})
-    return _text(root)
+    return xml_text(root)
 
 
 def _variability(variable: FmuVariable) -> str:
@@ -223,16 +223,3 @@ def _variability(variable: FmuVariable) -> str:
 def _start(variable: FmuVariable) -> str:
     assert variable.start is not None
     return ("true" if variable.start else "false") if variable.is_flag else repr(float(variable.start))
-
-
-def _build_description(identifier: str, main: str) -> bytes:
-    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
-    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
-    sources = ET.SubElement(configuration, "SourceFileSet", language="C99")
-    ET.SubElement(sources, "SourceFile", name=main)
-    return _text(root).encode()
-
-
-def _text(root: ET.Element) -> str:
-    ET.indent(root)
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"

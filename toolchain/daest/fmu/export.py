@@ -23,7 +23,7 @@ from daest.fmu.layout import Layout, layout
 from daest.fmu.serialization import portable
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.model.fmu import ExportResult
-from daest.numerics.compiler import Platform, build_shared, native_platform, platform_named
+from daest.numerics.compiler import Platform, build_shared, native_platform, platform_named, text_of
 from daest.systems.initialize import initial_point
 from daest.systems.modes import in_starting_mode
 from daest.systems.reduce import reduce_index
@@ -101,21 +101,21 @@ def _archive(made: Layout, state_start: np.ndarray, targets: Sequence[Platform])
     texts = {
         "modelDescription.xml": description.model_description(made, functions, state_start, token, version),
         "sources/buildDescription.xml": description.build_description(identifier),
-        f"sources/{sources.WRAPPER}.c": sources.wrapper_code(),
-        f"sources/{sources.SHARED}": sources.shared_code(),
+        f"sources/{sources.WRAPPER}.c": text_of("wrapper.c", "daest.fmu"),
+        f"sources/{sources.SHARED}": text_of(sources.SHARED, "daest.fmu"),
         "sources/model.c": code,
         "sources/model.h": header,
     }
     if has_events:
-        texts[f"sources/{sources.EVENTS}"] = sources.events_code()
+        texts[f"sources/{sources.EVENTS}"] = text_of(sources.EVENTS, "daest.fmu")
     else:
         texts |= _without_events(made, functions, symbolic)
     files = {name: text.encode() for name, text in texts.items()}
-    beside = {"model.c": code, "model.h": header, sources.EVENTS: sources.events_code()}
-    beside[sources.SHARED] = sources.shared_code()
+    beside = {"model.c": code, "model.h": header, sources.EVENTS: text_of(sources.EVENTS, "daest.fmu")}
+    beside[sources.SHARED] = text_of(sources.SHARED, "daest.fmu")
     for target in targets:
         library = build_shared(
-            sources.wrapper_code(),
+            text_of("wrapper.c", "daest.fmu"),
             identifier,
             FLAGS,
             files=beside,

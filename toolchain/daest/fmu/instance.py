@@ -103,6 +103,11 @@ class Instance:
         self._log = log
         self._unit = _loaded(binary)
         self._is_fmi3 = binary.fmi_major == 3
+        self._get, self._set, self._get_rates = (
+            ("GetFloat64", "SetFloat64", "GetContinuousStateDerivatives")
+            if self._is_fmi3
+            else ("GetReal", "SetReal", "GetDerivatives")
+        )
         self.n_states = len(binary.states)
         self.n_event_indicators = binary.n_event_indicators
         self.next_event: float | None = None
@@ -143,8 +148,7 @@ class Instance:
                 self.n_event_indicators = int(self._try(unit.getNumberOfEventIndicators))
             self._iterate()
             self._try(unit.enterContinuousTimeMode)
-        elif self._is_fmi3:
-            pass  # without event mode, FMI 3 goes from initialisation straight to step mode
+        # A Co-Simulation FMU without event mode goes from initialisation straight to step mode.
 
     def free(self) -> None:
         """Give the instance back, if there is one."""
@@ -199,14 +203,14 @@ class Instance:
         values = np.zeros(len(references))
         if values.size:
             vr = self._array_of(references)
-            self._call("GetFloat64" if self._is_fmi3 else "GetReal", *self._pairs(vr, values))
+            self._call(self._get, *self._pairs(vr, values))
         return values
 
     def set(self, references: Sequence[int], values: Sequence[float] | np.ndarray) -> None:
         """Set the variables of references (k,) to values (k,)."""
         if len(references):
             vr, given = self._array_of(references), np.ascontiguousarray(values, dtype=float)
-            self._call("SetFloat64" if self._is_fmi3 else "SetReal", *self._pairs(vr, given))
+            self._call(self._set, *self._pairs(vr, given))
 
     def _pairs(self, vr: np.ndarray, values: np.ndarray) -> tuple[Any, ...]:
         pairs = (_POINTER(vr.ctypes.data), _SIZE(vr.size), _POINTER(values.ctypes.data))
@@ -227,8 +231,7 @@ class Instance:
 
     def rates(self) -> np.ndarray:
         """The derivatives of the continuous states. Shapes: (n_states,)."""
-        name = "GetContinuousStateDerivatives" if self._is_fmi3 else "GetDerivatives"
-        return self._vector(name, self.n_states)
+        return self._vector(self._get_rates, self.n_states)
 
     # The inner loop of an integrator: everything is prepared, and vectors go by their addresses.
 
@@ -238,15 +241,13 @@ class Instance:
         if not buffer.size:
             return buffer, lambda: None
         arguments = self._pairs(vr, buffer)
-        name = "SetFloat64" if self._is_fmi3 else "SetReal"
-        return buffer, lambda: self._call(name, *arguments)
+        return buffer, lambda: self._call(self._set, *arguments)
 
     def put_states(self, address: Any) -> None:
         self._call("SetContinuousStates", address, _SIZE(self.n_states))
 
     def take_rates(self, address: Any) -> None:
-        name = "GetContinuousStateDerivatives" if self._is_fmi3 else "GetDerivatives"
-        self._call(name, address, _SIZE(self.n_states))
+        self._call(self._get_rates, address, _SIZE(self.n_states))
 
     def take_indicators(self, address: Any) -> None:
         self._call("GetEventIndicators", address, _SIZE(self.n_event_indicators))

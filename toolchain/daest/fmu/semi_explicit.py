@@ -156,16 +156,15 @@ def jacobians(
     u: np.ndarray,
     offer: bool,
     parameters: tuple[tuple[int, ...], np.ndarray],
-    time: float = 0.0,
 ) -> tuple[Jacobians, np.ndarray]:
-    """Both kinds of derivatives at a point, and the values (ẋ, z) there; directional derivatives only where
-    the FMU declares them. Raises FmuError where the FMU refuses the point."""
-    differences, values, problem = _differences(runner, form, x, u, parameters, time)
+    """Both kinds of derivatives at a point at time 0, and the values (ẋ, z) there; directional derivatives
+    only where the FMU declares them. Raises FmuError where the FMU refuses the point."""
+    differences, values, problem = _differences(runner, form, x, u, parameters)
     if not np.all(np.isfinite(values)) and problem is not None:
         raise refused(runner.model, problem)
     if not offer:
         return Jacobians(None, differences), values
-    points = Points(form.drivers, u[None], x[None], np.array([time]))
+    points = Points(form.drivers, u[None], x[None], np.zeros(1))
     references = (*form.rates, *form.variables)
     promised = np.isin(references, (*form.rates, *form.outputs))
     for rows in (np.ones_like(promised), promised):
@@ -269,13 +268,12 @@ def _differences(
     x: np.ndarray,
     u: np.ndarray,
     parameters: tuple[tuple[int, ...], np.ndarray],
-    time: float,
 ) -> tuple[np.ndarray, np.ndarray, str | None]:
     """∂(ẋ, z)/∂(x, u) by central differences, the values (ẋ, z) at the point, and what was refused."""
     references = (*form.states, *form.drivers)
     point = np.concatenate([x, u])
     moved = moved_points(point, [runner.model.variables[vr].nominal for vr in references])
-    found, values = _values(runner, form, np.vstack([point, moved]), parameters, time)
+    found, values = _values(runner, form, np.vstack([point, moved]), parameters, 0.0)
     return central_differences(moved, values[1:]), values[0], found.problem
 
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from importlib.resources import files
 from typing import Any
 
 import casadi as ca
@@ -219,18 +218,3 @@ def _numbers(values: Sequence[float] | np.ndarray) -> list[str]:
 def _array(kind: str, name: str, entries: list[str]) -> str:
     """A constant C array with one spare element, because C has none of size zero."""
     return f"static const {kind} {name}[{len(entries) + 1}] = {{{', '.join([*entries, '0'])}}};"
-
-
-def wrapper_code() -> str:
-    """fmi3.c, the fixed part."""
-    return files("daest.fmu").joinpath("wrapper.c").read_text(encoding="utf-8")
-
-
-def events_code() -> str:
-    """events.c, the fixed part of models with events."""
-    return files("daest.fmu").joinpath(EVENTS).read_text(encoding="utf-8")
-
-
-def shared_code() -> str:
-    """`SHARED`, what all FMUs have in common."""
-    return files("daest.fmu").joinpath(SHARED).read_text(encoding="utf-8")

@@ -44,6 +44,11 @@ class Variable:
     state_select: Literal["never", "avoid", "default", "prefer", "always"] = "default"
     place: Place | None = None
 
+    @property
+    def start_or_zero(self) -> float:
+        """The start value, 0 where the source gives none."""
+        return 0.0 if self.start is None else self.start
+
 
 @dataclass(frozen=True)
 class Parameter:

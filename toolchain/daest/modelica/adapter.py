@@ -6,6 +6,9 @@ rumoca hands over nested dicts, one single-key dict per tree node (`{"Binary": {
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
+from itertools import product
+from math import prod
 from typing import Any, Literal, TypeGuard
 
 from daest.errors import ModelError
@@ -101,7 +104,7 @@ def _variable(v: dict[str, Any], flat: dict[str, Any]) -> s.FlatVariable:
         min=_declared(v["min"], v),
         max=_declared(v["max"], v),
         nominal=_declared(v["nominal"], v),
-        unit=_plain_text(v["unit"]),
+        unit=v["unit"] if isinstance(v["unit"], str) else "",
         description=v["description"] or "",
         state_select=_STATE_SELECT.get(v["state_select"], "default"),
         binding=expression(v["binding"]) if v["binding"] else None,
@@ -113,10 +116,6 @@ def _variable(v: dict[str, Any], flat: dict[str, Any]) -> s.FlatVariable:
 def _is_top_level(name: str, flat: dict[str, Any]) -> bool:
     outer = name.split(".")[0].split("[")[0]
     return "." not in name or outer in flat.get("top_level_connectors", ())
-
-
-def _plain_text(value: Any) -> str:
-    return value if isinstance(value, str) else ""
 
 
 def _is_enumeration(v: dict[str, Any], flat: dict[str, Any]) -> bool:
@@ -177,7 +176,8 @@ def _equations(rows: list[dict[str, Any]], families: list[dict[str, Any]]) -> It
             at += 1
         else:
             yield from _family(family, rows[at])
-            at += _points(family) * family["equations_per_point"]
+            n_points = prod(len(_values(binder)) for binder in family["domain"]["binders"])
+            at += n_points * family["equations_per_point"]
 
 
 def _has_placeholders(family: dict[str, Any]) -> bool:
@@ -189,22 +189,12 @@ def _values(binder: dict[str, Any]) -> range:
     return range(binder["lower"], binder["upper"] + (1 if step > 0 else -1), step)
 
 
-def _points(family: dict[str, Any]) -> int:
-    count = 1
-    for binder in family["domain"]["binders"]:
-        count *= len(_values(binder))
-    return count
-
-
 def _family(family: dict[str, Any], row: dict[str, Any]) -> Iterable[s.FlatEquation]:
     bodies = [_equation(row | {"span": family["span"]}, body) for body in family["template"]["body"]]
-    binders = family["domain"]["binders"]
-    points: list[tuple[tuple[str, int], ...]] = [()]
-    for binder in binders:
-        points = [(*point, (binder["display_name"], value)) for point in points for value in _values(binder)]
-    for point in points:
+    named = [[(b["display_name"], value) for value in _values(b)] for b in family["domain"]["binders"]]
+    for point in product(*named):
         for body in bodies:
-            yield s.FlatEquation(body.left, body.right, body.kind, body.origin, body.span, point)
+            yield replace(body, bound=point)
 
 
 def _equation(row: dict[str, Any], residual: dict[str, Any]) -> s.FlatEquation:

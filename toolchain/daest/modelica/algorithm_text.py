@@ -16,10 +16,9 @@ from daest.modelica import syntax as s
 from daest.modelica.dialect import MARK, OPERATORS
 from daest.modelica.expressions import split_path
 from daest.modelica.function_text import StatementParser
-from daest.modelica.outline import Token, class_heads, class_tokens
+from daest.modelica.outline import CLOSE, OPEN, Token, class_heads, class_tokens, laid_over
 from daest.modelica.parse import ParseError
 
-_OPEN, _CLOSE = ("(", "[", "{"), (")", "]", "}")
 _SECTIONS = ("equation", "algorithm", "public", "protected", "annotation", "external")
 
 
@@ -67,7 +66,7 @@ def _mark(number: int, asked: Iterable[str]) -> list[bytes]:
 
 def _written(region: bytes, words: Sequence[bytes]) -> bytes | None:
     """The words in place of a region, its line ends kept; None where they do not fit."""
-    made = bytearray(byte if byte in b"\r\n" else 32 for byte in region)
+    made = bytearray(laid_over(region))
     at = 0
     for word in words:
         while at + len(word) <= len(made) and made[at : at + len(word)].strip(b" "):
@@ -103,7 +102,7 @@ def _section_end(words: Sequence[Token], at: int) -> int:
     depth = 0
     for i in range(at, len(words)):
         word, before = words[i].text, words[i - 1].text
-        depth += (word in _OPEN) - (word in _CLOSE)
+        depth += (word in OPEN) - (word in CLOSE)
         if depth == 0 and words[i].kind == "name" and before in (";", "algorithm"):
             follows = words[i + 1].text if i + 1 < len(words) else ""
             if word in _SECTIONS or (word == "initial" and follows in ("equation", "algorithm")):

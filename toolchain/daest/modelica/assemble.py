@@ -41,7 +41,7 @@ from daest.modelica.rows import (
 )
 from daest.modelica.scope import Element, element_names
 from daest.modelica.unknowns import Declared, declare_variables
-from daest.modelica.values import Value
+from daest.modelica.values import Value, column
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ def assemble(source: s.FlatSource, file: str) -> FlatModel:
         initial=initial,
         memory_starts=starts_of_memory,
         starts=start_rows(declared.unknowns, reading),
-        xi=_column([element.symbol for element in declared.unknowns]),
-        derivatives=_column(declared.derivatives),
+        xi=column([element.symbol for element in declared.unknowns]),
+        derivatives=column(declared.derivatives),
     )
     return _flat_model(parts, file)
 
@@ -275,10 +275,11 @@ def _flat_model(parts: _Parts, file: str) -> FlatModel:
     equations = _equations(parts.rows, reading)
     memory = _memory(parts)
     if len(parts.rows) != len(declared.unknowns):
-        residual = _column([row.residual for row in parts.rows])
+        residual = column([row.residual for row in parts.rows])
         raise unbalanced(equations, declared.unknowns, residual, parts.xi, parts.derivatives, file)
     outputs = [i for i, element in enumerate(declared.unknowns) if _is_output(element)]
     named = _named(outputs, len(declared.unknowns), parts)
+    shown = [named[i].expression if i in named else declared.unknowns[i].symbol for i in outputs]
     gone = {one.row for one in named.values()}
     kept = [i for i in range(len(declared.unknowns)) if i not in named]
     initial = [*parts.initial, *parts.starts.values()]
@@ -294,14 +295,14 @@ def _flat_model(parts: _Parts, file: str) -> FlatModel:
         ),
         outputs=tuple(output_of(declared.unknowns[i], reading) for i in outputs),
         equations=tuple(equations[i] for i in kept_rows),
-        derivatives=_column([declared.derivatives[i] for i in kept]),
-        xi=_column([declared.unknowns[i].symbol for i in kept]),
-        u=_column([element.symbol for element in declared.inputs]),
-        w=_column([element.symbol for element in declared.noises]),
+        derivatives=column([declared.derivatives[i] for i in kept]),
+        xi=column([declared.unknowns[i].symbol for i in kept]),
+        u=column([element.symbol for element in declared.inputs]),
+        w=column([element.symbol for element in declared.noises]),
         theta=_theta(table, memory),
         time=reading.time,
-        residual=_now(_column([parts.rows[i].residual for i in kept_rows]), parts),
-        output_expressions=_now(_output_expressions(outputs, named, declared.unknowns), parts),
+        residual=_now(column([parts.rows[i].residual for i in kept_rows]), parts),
+        output_expressions=_now(column(shown), parts),
         initial_equations=tuple(_equations(initial, reading)),
         initial_residual=_now(_initial_residual(initial, named, declared.unknowns), parts),
         events=_events(parts, memory, [declared.unknowns[i].name for i in kept], named),
@@ -309,7 +310,7 @@ def _flat_model(parts: _Parts, file: str) -> FlatModel:
             derived_of(one.element.name, one.element.variable, one.expression, reading)
             for one in table.derived
         ),
-        derived_values=_column([one.element.symbol for one in table.derived]),
+        derived_values=column([one.element.symbol for one in table.derived]),
         source=file,
         description=reading.source.description,
     )
@@ -331,7 +332,7 @@ def _memory(parts: _Parts) -> Kept | None:
 
 
 def _theta(table: ParameterTable, memory: Kept | None) -> ca.SX:
-    own = _column([element.symbol for element, _ in table.tunable])
+    own = column([element.symbol for element, _ in table.tunable])
     return own if memory is None else ca.vertcat(own, memory.symbols)
 
 
@@ -350,7 +351,7 @@ def _now(expression: ca.SX, parts: _Parts) -> ca.SX:
     ]
     if not pairs or not expression.numel():
         return expression
-    return ca.substitute(expression, _column([a for a, _ in pairs]), _column([b for _, b in pairs]))
+    return ca.substitute(expression, column([a for a, _ in pairs]), column([b for _, b in pairs]))
 
 
 def _events(
@@ -364,8 +365,8 @@ def _events(
     )
     if not named:
         return events
-    gone = _column([parts.declared.unknowns[i].symbol for i in named])
-    instead = _column([one.expression for one in named.values()])
+    gone = column([parts.declared.unknowns[i].symbol for i in named])
+    instead = column([one.expression for one in named.values()])
     changed: dict[str, Any] = {
         key: ca.substitute(getattr(events, key), gone, instead)
         for key in ("values", "wholes", "conditions", "assigned", "sources", "restarted", "starts")
@@ -386,17 +387,11 @@ def _named(outputs: Sequence[int], n: int, parts: _Parts) -> dict[int, NamedOutp
     return {} if len(named) == n else {one.unknown: one for one in named}
 
 
-def _output_expressions(
-    outputs: Sequence[int], named: dict[int, NamedOutput], unknowns: Sequence[Element]
-) -> ca.SX:
-    return _column([named[i].expression if i in named else unknowns[i].symbol for i in outputs])
-
-
 def _initial_residual(
     initial: Sequence[Row], named: dict[int, NamedOutput], unknowns: Sequence[Element]
 ) -> ca.SX:
     """Initial equations with the expressions of outputs that are no unknowns put in."""
-    residual = _column([row.residual for row in initial])
+    residual = column([row.residual for row in initial])
     if not named or not initial:
         return residual
     symbols = ca.vertcat(*[unknowns[i].symbol for i in named])
@@ -427,7 +422,3 @@ def _equation(row: Row, reading: Reading, clauses: ConnectClauses) -> Equation:
 
 def _is_output(element: Element) -> bool:
     return element.variable.causality == "output" and element.variable.is_top_level
-
-
-def _column(parts: Sequence[ca.SX]) -> ca.SX:
-    return ca.vertcat(*parts) if parts else ca.SX(0, 1)

@@ -7,7 +7,7 @@ variables and parameters under the name of its component, its equations, and the
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count
@@ -26,7 +26,8 @@ from daest.modelica.meshes import Mesh, meshes
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import connection_sets, fits
 from daest.modelica.terminals import terminals
-from daest.near import near_names
+from daest.modelica.values import column
+from daest.near import did_you_mean
 
 __all__ = ["attach", "attach_all", "component_name"]
 
@@ -157,17 +158,17 @@ class _Assembly:
             parameters=tuple(self.parameters),
             outputs=tuple(self.outputs),
             equations=tuple(self.equations),
-            derivatives=_column(self.derivatives),
-            xi=_column(self.xi),
-            u=_column(self.u),
-            w=_column(self.w),
-            theta=_column(self.theta),
-            residual=_column(self.residual),
-            output_expressions=_column(self.results),
+            derivatives=column(self.derivatives),
+            xi=column(self.xi),
+            u=column(self.u),
+            w=column(self.w),
+            theta=column(self.theta),
+            residual=column(self.residual),
+            output_expressions=column(self.results),
             initial_equations=tuple(self.initial),
-            initial_residual=_column(self.initial_residual),
+            initial_residual=column(self.initial_residual),
             derived_parameters=tuple(self.derived),
-            derived_values=_column(self.derived_values),
+            derived_values=column(self.derived_values),
         )
 
     @cached_property
@@ -234,7 +235,7 @@ class _Assembly:
         theta = self._parameters(member, placement)
         member.symbols = {x.name: symbol for x, symbol in zip(model.unknowns, xi, strict=True)}
         residual, initial, derived = model.function(
-            _column(derivatives), _column(xi), _column(w), _column(theta), self.flat.time
+            column(derivatives), column(xi), column(w), column(theta), self.flat.time
         )
         self.unknowns += [replace(x, name=f"{member.name}.{x.name}") for x in model.unknowns]
         self.xi += xi
@@ -309,7 +310,7 @@ class _Assembly:
                 remedy="Choose another name for the input.",
             )
         own = next(x for x in member.model.unknowns if x.name == name)
-        start = 0.0 if own.start is None else own.start
+        start = own.start_or_zero
         self.inputs.append(replace(own, name=wanted, start=start, place=None))
         self.u.append(ca.SX.sym(wanted))
         self._names.add(wanted)
@@ -495,8 +496,8 @@ class _Assembly:
         """`new` for `old` everywhere but in the effect's own rows, `shown` for `name` in the texts."""
         rows = [i for i, e in enumerate(self.equations) if e.origin.partition(".")[0] != member.name]
         before = [*(self.residual[i] for i in rows), *self.results]
-        after = ca.vertsplit(ca.substitute(_column(before), old, new))
-        depends = ca.jacobian_sparsity(_column(before), old).row()
+        after = ca.vertsplit(ca.substitute(column(before), old, new))
+        depends = ca.jacobian_sparsity(column(before), old).row()
         for at in depends:
             if at < len(rows):
                 equation = self.equations[rows[at]]
@@ -597,8 +598,7 @@ def check_values(effect: Effect, values: Mapping[str, float]) -> None:
     known = {p.name: p for p in effect.parameters}
     for name, value in values.items():
         if name not in known:
-            near = near_names(name, known, 2)
-            hint = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
+            hint = did_you_mean(name, known, 2)
             raise ModelError(
                 "effect-parameter",
                 f"{effect.name} has no parameter `{name}`",
@@ -661,7 +661,3 @@ def _reads(equation: Equation, name: str) -> bool:
 
 def _renamed(text: str, old: str, new: str) -> str:
     return re.sub(rf"(?<![\w.]){re.escape(old)}(?![\w.])", new, text)
-
-
-def _column(parts: Sequence[ca.SX]) -> ca.SX:
-    return ca.vertcat(*parts) if parts else ca.SX(0, 1)

@@ -38,7 +38,8 @@ def unbalanced(
         what += f": {missing} too few. These unknowns are not all determined: {names}"
         remedy = "Add the missing equations, connect open connectors, or declare given signals as inputs."
         return ModelError("model-unbalanced", what, where=where, remedy=remedy)
-    listed = "\n".join(_line(equations[i]) for i in over[:_LISTED])
+    shown = (equations[i] for i in over[:_LISTED])
+    listed = "\n".join(f"    {one.text}    ({one.place or one.origin})" for one in shown)
     names = _listed(
         sorted({unknowns[j].name for i in over for j in _unknowns_of(i, residual, xi, derivatives)})
     )
@@ -65,10 +66,6 @@ def _open_input(inputs: Sequence[Element], missing: int, what: str, where: str) 
 def _listed(names: Sequence[str]) -> str:
     shown = ", ".join(f"`{name}`" for name in names[:_LISTED])
     return shown + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
-
-
-def _line(equation: Equation) -> str:
-    return f"    {equation.text}    ({equation.place or equation.origin})"
 
 
 def _incidence(residual: ca.SX, xi: ca.SX, derivatives: ca.SX) -> sp.csr_array:

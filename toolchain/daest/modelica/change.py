@@ -15,7 +15,7 @@ from daest.errors import ModelError
 from daest.model.flat import FlatModel, Model
 from daest.model.parts import NoiseInput, Output, Parameter, Prior, prior_unused
 from daest.modelica.places import resolve_place
-from daest.near import near_names
+from daest.near import did_you_mean
 
 AnyModel = TypeVar("AnyModel", bound=Model)
 
@@ -59,8 +59,7 @@ def _tunable(flat: Model, name: str) -> Parameter:
             )
     known = [p.name for p in flat.parameters if not p.is_memory]
     computed = [p.name for p in flat.derived_parameters]
-    near = near_names(name, known + computed, 3)
-    hint = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
+    hint = did_you_mean(name, known + computed)
     raise ModelError(
         "parameter-unknown",
         f"the model has no tunable parameter `{name}`",
@@ -287,11 +286,9 @@ def _with_estimated_noise(flat: AnyModel, marks: Mapping[str, bool]) -> AnyModel
 
 
 def _no_such(code: str, kind: str, name: str, known: Sequence[str], flat: Model, hint: str) -> ModelError:
-    near = near_names(name, known, 3)
-    did = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
     return ModelError(
         code,
         f"the model has no {kind} `{name}`",
         where=flat.source or None,
-        remedy=did + hint,
+        remedy=did_you_mean(name, known) + hint,
     )

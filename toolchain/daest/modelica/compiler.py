@@ -300,7 +300,8 @@ def _compiled(job: Job, appended: bytes) -> s.FlatSource:
             raise
         raise failures.internal(problem, job.path, job.text) from None
     name = job.names.model(job.class_name)
-    return adapter.flat_source(name, _in_names_of(job, flat), _texts(files, job), _own(files, job))
+    own = tuple(number for number, file, _ in files if _is_own(file, job))
+    return adapter.flat_source(name, _in_names_of(job, flat), _texts(files, job), own)
 
 
 def _in_names_of(job: Job, flat: dict[str, Any]) -> dict[str, Any]:
@@ -393,10 +394,6 @@ def _in_package(job: Job) -> bool:
 def _is_own(name: str, job: Job) -> bool:
     file = job.path.resolve()
     return name in (str(_ALONE / job.path.name), str(file), str(job.roots.readable(file)))
-
-
-def _own(files: list[Any], job: Job) -> tuple[int, ...]:
-    return tuple(number for number, name, _ in files if _is_own(name, job))
 
 
 def _texts(files: list[Any], job: Job) -> dict[int, tuple[str, bytes]]:

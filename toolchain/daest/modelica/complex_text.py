@@ -14,7 +14,7 @@ from typing import Any
 
 from daest.modelica import syntax as s
 from daest.modelica.components import Classes, ClassText, Declared
-from daest.modelica.outline import CLOSE, OPEN, Token, class_heads, depths
+from daest.modelica.outline import CLOSE, OPEN, Token, class_heads, depths, find_outside
 from daest.modelica.parse import ParseError, Parser
 from daest.modelica.text import text
 
@@ -752,10 +752,7 @@ def _modified(words: Sequence[Token]) -> Iterator[tuple[str, Sequence[Token]]]:
         if words[i].text != "=":
             i += 1
             continue
-        end, depth = i + 1, 0
-        while end < len(words) and not (depth == 0 and words[end].text in (",", ")")):
-            depth += (words[end].text in OPEN) - (words[end].text in CLOSE)
-            end += 1
+        end = find_outside(words, i + 1, ",")
         yield words[i - 1].text, words[i + 1 : end]
         i = end
 

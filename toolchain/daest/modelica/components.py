@@ -11,57 +11,27 @@ from dataclasses import dataclass, field
 
 from daest.modelica.outline import (
     CLOSE,
+    KINDS,
     OPEN,
     ClassHead,
     Token,
+    arguments,
     class_heads,
+    class_tokens,
     closing,
     extends_clauses,
+    find_outside,
     imports,
     name_end,
-    tokens,
 )
 
-_PREFIXES = frozenset(
-    [
-        "final",
-        "inner",
-        "outer",
-        "replaceable",
-        "redeclare",
-        "flow",
-        "stream",
-        "input",
-        "output",
-        "discrete",
-        "parameter",
-        "constant",
-        "each",
-        "public",
-        "protected",
-    ]
+_PREFIXES = (
+    *("final", "inner", "outer", "replaceable", "redeclare", "flow", "stream", "input", "output", "discrete"),
+    *("parameter", "constant", "each", "public", "protected"),
 )
-_NO_COMPONENT = frozenset(
-    [
-        "import",
-        "extends",
-        "annotation",
-        "model",
-        "block",
-        "class",
-        "package",
-        "function",
-        "record",
-        "connector",
-        "type",
-        "operator",
-        "encapsulated",
-        "partial",
-        "end",
-        "equation",
-        "algorithm",
-        "initial",
-    ]
+_NO_COMPONENT = (
+    *(*KINDS, "import", "extends", "annotation", "encapsulated", "partial", "expandable", "impure", "pure"),
+    *("end", "equation", "algorithm", "initial"),
 )
 _MOST_STEPS = 30  # of short classes, bases and imports behind each other
 
@@ -100,7 +70,7 @@ class Classes:
     """The classes of files; `read` gives the text of the file of a full name, None where there is none."""
 
     read: Callable[[str], bytes | None]
-    _files: dict[str, _Words] = field(default_factory=dict)
+    _heads: dict[str, dict[str, ClassHead]] = field(default_factory=dict)  # by file and full name
     _found: dict[str, ClassText | None] = field(default_factory=dict)
 
     def get(self, name: str) -> ClassText | None:
@@ -116,10 +86,10 @@ class Classes:
             text = self.read(file)
             if text is None:
                 continue
-            if file not in self._files:
-                self._files[file] = _words_of(text)
-            head = self._files[file].heads.get(name)
-            return None if head is None else _class_text(self._files[file], head, file)
+            if file not in self._heads:
+                self._heads[file] = {head.name: head for head in class_heads(text)}
+            head = self._heads[file].get(name)
+            return None if head is None else _class_text(text, head, file)
         return None
 
     def resolved(self, name: str, scope: str, steps: int = 0) -> str | None:
@@ -192,10 +162,10 @@ class Classes:
         return None if found is None else self.meant(found)
 
 
-def _class_text(text: _Words, head: ClassHead, file: str) -> ClassText:
+def _class_text(text: bytes, head: ClassHead, file: str) -> ClassText:
     """The class of a head in the text of a file."""
-    words = _class_words(text, head)
-    if len(words) > 1 and words[1].text == "=":
+    words = tuple(class_tokens(text, head))
+    if head.is_short:
         at = 2
         while at < len(words) and words[at].text in _PREFIXES:
             at += 1
@@ -205,49 +175,6 @@ def _class_text(text: _Words, head: ClassHead, file: str) -> ClassText:
     components = {one.name.text: one for line in statements(words) for one in declared(line, head.name)}
     bases = tuple(clause.base for clause in extends_clauses(words))
     return ClassText(head.name, file, words, components, bases, imports(words), "")
-
-
-@dataclass(frozen=True)
-class _Words:
-    """The tokens of a file and its classes, made once."""
-
-    words: tuple[Token, ...]
-    heads: dict[str, ClassHead]
-    at: dict[int, int]  # byte offset -> index of the token there
-    ends: dict[int, int]  # index of a class's name -> index of its `end`
-
-
-def _words_of(text: bytes) -> _Words:
-    words = tuple(tokens(text))
-    heads = {head.name: head for head in class_heads(text)}
-    at = {word.start: i for i, word in enumerate(words)}
-    ends: dict[int, int] = {}
-    is_name = {at[head.start] for head in heads.values()}
-    opened: list[int] = []
-    for i, word in enumerate(words[:-1]):
-        if i in is_name and words[i + 1].text != "=":
-            opened.append(i)
-        elif word.text == "end" and opened and words[i + 1].text == words[opened[-1]].text:
-            ends[opened.pop()] = i
-    return _Words(words, heads, at, ends)
-
-
-def _class_words(file: _Words, head: ClassHead) -> tuple[Token, ...]:
-    """As `class_tokens` of outline.py."""
-    i = first = file.at[head.start]
-    words = file.words
-    if words[i + 1].text == "=":
-        end = next((k for k in range(i, len(words)) if words[k].text == ";"), len(words))
-        return words[first:end]
-    found: list[Token] = []
-    end = file.ends.get(first, len(words))
-    while i < end:
-        if i in file.ends and i != first:
-            i = file.ends[i] + 2
-            continue
-        found.append(words[i])
-        i += 1
-    return tuple(found)
 
 
 def statements(words: Sequence[Token]) -> Iterator[list[Token]]:
@@ -292,22 +219,21 @@ def declared(line: Sequence[Token], scope: str) -> Iterator[Declared]:
         modification, at = tuple(line[at:end]), end
         binding: tuple[Token, ...] = ()
         if at < len(line) and line[at].text in ("=", ":="):
-            end = _until(line, at + 1)
+            end = expression_end(line, at + 1)
             binding, at = tuple(line[at + 1 : end]), end
         yield Declared(
             name, type_name, (*own, *common), modification, binding, is_parameter, is_input, scope, behind
         )
-        while at < len(line) and line[at].text != ",":
-            at = closing(line, at) if line[at].text in OPEN else at + 1
-        at += 1
+        at = find_outside(line, at, ",") + 1
 
 
-def _until(line: Sequence[Token], at: int) -> int:
-    """Index behind an expression: at a comma, a comment, an annotation or a condition of the component."""
+def expression_end(line: Sequence[Token], at: int) -> int:
+    """Index behind the expression at `at` that a component is bound to: that of a comma, a semicolon, a
+    comment, an annotation or a condition of the component."""
     first = at
     while at < len(line):
         word = line[at]
-        if word.text == "," or word.kind == "text" or word.text in ("annotation", "constrainedby"):
+        if word.kind == "text" or word.text in (",", ";", "annotation", "constrainedby"):
             return at
         if word.text == "if" and at > first and line[at - 1].text not in ("else", *_BEFORE_IF):
             return at
@@ -322,13 +248,4 @@ def _sizes(line: Sequence[Token], at: int) -> tuple[tuple[tuple[Token, ...], ...
     """The sizes in the square bracket at `at`, and the index behind it."""
     if at >= len(line) or line[at].text != "[":
         return (), at
-    end = closing(line, at)
-    found: list[list[Token]] = [[]]
-    depth = 0
-    for word in line[at + 1 : end - 1]:
-        depth += (word.text in OPEN) - (word.text in CLOSE)
-        if word.text == "," and depth == 0:
-            found.append([])
-        else:
-            found[-1].append(word)
-    return tuple(tuple(one) for one in found), end
+    return tuple(map(tuple, arguments(line, at))), closing(line, at)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from daest.errors import DataError
 from daest.model.flat import FlatModel
 from daest.model.parts import Equation
-from daest.quantities import conversion, is_known_unit
+from daest.quantities import converts, is_known_unit
 
 MOST_NAMED = 3  # connections that a warning names
 
@@ -37,11 +36,7 @@ def sentence(found: Sequence[str]) -> str:
 def _contradict(one: str, other: str) -> bool:
     if one == other or not (is_known_unit(one) and is_known_unit(other)):
         return False
-    try:
-        conversion(one, other)
-    except DataError:
-        return True
-    return False
+    return not converts(one, other)
 
 
 def _where(equation: Equation) -> str:

@@ -32,11 +32,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from daest.errors import ModelError
 from daest.modelica.function_text import find_function, hidden
 from daest.modelica.modifications import check_class_modification
 from daest.modelica.outline import (
     CLOSE,
+    KINDS,
+    NO_CODE,
     OPEN,
     ClassHead,
     Token,
@@ -47,6 +51,7 @@ from daest.modelica.outline import (
     extends_clauses,
     find_base,
     imported,
+    laid_over,
     name_end,
     place_of,
     tokens,
@@ -87,7 +92,6 @@ CONSTRUCTOR = "_constructor"
 
 _C_TABLES = b"ModelicaStandardTables_"
 
-_SKIPPED = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _WORD = rb"[A-Za-z_]\w*(?:\s*\[[^\]()]*\])?"
 _PLAIN = rb"\s*\.?\s*" + _WORD + rb"(?:\s*\.\s*" + _WORD + rb")*\s*\)"
 _DER = re.compile(rb"(?P<call>\bder)\s*\((?!" + _PLAIN + rb")")
@@ -158,7 +162,7 @@ def _with_full_imports(text: bytes) -> bytes:
     compiler does not find a literal of an enumeration by its import."""
     for full, name in _IMPORTED.findall(text):
         value = re.compile(rb"(?<=[=<>+*/-])(\s*)" + name + rb"(?=\s*(?:[),;+*/<>-]|==|then\b|and\b|or\b))")
-        skipped = [match.span() for match in _SKIPPED.finditer(text)]
+        skipped = [match.span() for match in NO_CODE.finditer(text)]
         parts, last = [], 0
         for match in value.finditer(text):
             if not any(start <= match.start() < end for start, end in skipped):
@@ -168,7 +172,7 @@ def _with_full_imports(text: bytes) -> bytes:
             continue
         text = b"".join([*parts, text[last:]])
         clause = re.compile(rb"\bimport\s+" + re.escape(full) + rb"\s*;")
-        bare = clause.sub(b"", _SKIPPED.sub(b"", text)).replace(full, b"")
+        bare = clause.sub(b"", NO_CODE.sub(b"", text)).replace(full, b"")
         if not re.search(rb"(?<![.\w])" + name + rb"\b(?!\s*=)", _ENUMERATION.sub(b"", bare)):
             text = clause.sub(lambda found: re.sub(rb"\S", b" ", found[0]), text)
     return text
@@ -195,7 +199,7 @@ def external_objects(text: bytes) -> tuple[str, ...]:
 def _with_marked(text: bytes, calls: re.Pattern[bytes], name: str) -> bytes:
     """`der(a*b)` as `deR(a*b)`; comments and strings stay. `name` is as long as the operator."""
     made = bytearray(text)
-    skipped = [match.span() for match in _SKIPPED.finditer(text)]
+    skipped = [match.span() for match in NO_CODE.finditer(text)]
     at = 0
     for match in calls.finditer(text):
         start = match.start("call")
@@ -210,7 +214,7 @@ def _without_inner_bases(text: bytes) -> bytes:
     """The text with each base class that its heir contains behind the heir."""
     if not _BASE.search(text):
         return text
-    bare = _SKIPPED.sub(lambda skipped: b" " * len(skipped[0]), text)
+    bare = NO_CODE.sub(lambda skipped: b" " * len(skipped[0]), text)
     bases = set(_BASE.findall(bare))
     heads = list(_HEAD.finditer(bare))
     for head in [head for head in heads if head[2] in bases]:
@@ -272,7 +276,7 @@ def without_broken(source: bytes, path: Path, class_name: str) -> bytes:
         _collect(source, path, heads, start, spans)
     text = bytearray(source)
     for begin, end in spans:
-        text[begin:end] = bytes(byte if byte in b"\r\n" else 32 for byte in text[begin:end])
+        text[begin:end] = laid_over(source[begin:end])
     return bytes(text)
 
 
@@ -281,9 +285,9 @@ def _collect(
 ) -> None:
     """Add the spans of the clauses that `head` and its bases remove."""
     for clause in extends_clauses(class_tokens(source, head)):
-        base = find_base(heads, head, clause.base)
+        base = find_base(heads, head.name, clause.base)
         where = place_of(str(path), source, clause.start)
-        if base is None or base.name == head.name:
+        if base is None:
             if clause.broken:
                 raise ModelError(
                     "model-break",
@@ -315,8 +319,8 @@ def _find(
     words = class_tokens(source, head)
     found = [(c.start, c.end) for c in connect_clauses(words) if c.pair == pair]
     for clause in extends_clauses(words):
-        base = find_base(heads, head, clause.base)
-        if base is not None and base.name != head.name:
+        base = find_base(heads, head.name, clause.base)
+        if base is not None:
             found += _find(source, heads, base, pair)
     return found
 
@@ -341,7 +345,6 @@ HEADING = b"//! base"
 """The comment that a Base Modelica text begins with."""
 
 _ENDING = ("algorithm", "external", "equation", "end", "annotation", "protected", "public")
-_DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
 _GENERATED = re.compile(r"\b_[0-9a-z]+\b")
 
 
@@ -428,7 +431,7 @@ def _free_names(taken: set[str]) -> Callable[[int], str]:
 
     def free(length: int) -> str:
         while True:
-            name = "_" + _base36(counts[length]).zfill(length - 1)
+            name = "_" + np.base_repr(counts[length], 36).lower().zfill(length - 1)
             counts[length] += 1
             if name not in taken:
                 return name
@@ -436,15 +439,6 @@ def _free_names(taken: set[str]) -> Callable[[int], str]:
     return free
 
 
-def _base36(number: int) -> str:
-    digits = ""
-    while number:
-        number, digit = divmod(number, 36)
-        digits = _DIGITS[digit] + digits
-    return digits
-
-
-_KINDS = ("model", "block", "class", "package", "function", "record", "connector", "type")
 _WORDS = ("true", "false", "each", "final", "if", "then", "else", "elseif", "and", "or", "not", "redeclare")
 _NAME = "D__{}"
 
@@ -478,7 +472,7 @@ def with_named_classes(text: bytes, path: Path, class_name: str) -> bytes:
         start, end = words[one.first].start, words[one.end - 1].end
         if one.end == one.opening + 2:
             continue
-        is_used = _around(heads, words, one.first) in used
+        is_used = _around(heads, words[one.first]) in used
         named = _variable(words, one)
         if named is not None:
             if one.kind and is_used:
@@ -491,7 +485,7 @@ def with_named_classes(text: bytes, path: Path, class_name: str) -> bytes:
         modification = text[words[one.opening].start : end].decode("utf-8", "replace")
         appended.append(f"{one.kind or 'model'} {name.decode()} = {base}{' '.join(modification.split())};")
         component = b"" if one.kind else b" " + words[one.opening - 1].text.encode()
-        _replace(made, start, end, name + component)
+        made[start:end] = laid_over(text[start:end], name + component)
     return bytes(made) + ("\n" + " ".join(appended) + "\n").encode() if appended else text
 
 
@@ -510,13 +504,6 @@ def _used(text: bytes, heads: Sequence[ClassHead], class_name: str) -> set[str]:
     return found
 
 
-def _replace(made: bytearray, start: int, end: int, name: bytes) -> None:
-    rest = iter(name)
-    for at in range(start, end):
-        if made[at] not in b"\r\n":
-            made[at] = next(rest, 32)
-
-
 def _redeclared(words: Sequence[Token]) -> Iterator[_Modified]:
     """`redeclare model Law = Quadratic(…)` inside of modifications."""
     depth = 0
@@ -527,7 +514,7 @@ def _redeclared(words: Sequence[Token]) -> Iterator[_Modified]:
         at = i + 1
         while at < len(words) and words[at].text in ("each", "final", "replaceable"):
             at += 1
-        if at + 3 >= len(words) or words[at].text not in _KINDS or words[at + 2].text != "=":
+        if at + 3 >= len(words) or words[at].text not in KINDS or words[at + 2].text != "=":
             continue
         opening = name_end(words, at + 3)
         if opening < len(words) and words[opening].text == "(":
@@ -538,7 +525,7 @@ def _constrained(words: Sequence[Token]) -> Iterator[_Modified]:
     """`replaceable Linear law(d = 0.4) constrainedby Law`: the modification belongs to this class alone, and
     not to one in its place (Language Specification 7.3.2), where the compiler keeps it."""
     for i, word in enumerate(words):
-        if word.text != "replaceable" or i + 2 >= len(words) or words[i + 1].text in _KINDS:
+        if word.text != "replaceable" or i + 2 >= len(words) or words[i + 1].text in KINDS:
             continue
         named = name_end(words, i + 1)
         opening = named + 1
@@ -555,7 +542,7 @@ def _variable(words: Sequence[Token], one: _Modified) -> int | None:
     for i in range(one.opening + 1, one.end - 1):
         before, after = words[i - 1].text, words[i + 1].text
         is_name = words[i].kind == "name" and words[i].text not in _WORDS
-        if is_name and "." not in (before, after) and after not in ("(", "=") and before not in _KINDS:
+        if is_name and "." not in (before, after) and after not in ("(", "=") and before not in KINDS:
             return i
     return None
 
@@ -578,32 +565,12 @@ def _full_name(words: Sequence[Token], one: _Modified, heads: Sequence[ClassHead
     name = "".join(word.text for word in words[one.first : end])
     if name.startswith("."):
         return name
-    inside = [head for head in heads if head.start <= words[one.first].start]
-    if inside:
-        local = ClassHead("model", f"{_around(inside, words, one.first)}.x", False, 0, 0)
-        first, dot, rest = name.partition(".")
-        found = find_base(heads, local, first)
-        if found is not None:
-            return found.name + dot + rest
-    return imported(words, name)
+    first, dot, rest = name.partition(".")
+    found = find_base(heads, f"{_around(heads, words[one.first])}.{_NAME}", first)
+    return imported(words, name) if found is None else found.name + dot + rest
 
 
-def _around(heads: Sequence[ClassHead], words: Sequence[Token], at: int) -> str:
-    """The full name of the class whose text a word stands in."""
-    position = words[at].start
-    ended: set[str] = set()
-    for i in range(at):
-        if words[i].text == "end" and words[i + 1].kind == "name":
-            open_heads = [h for h in heads if h.start < words[i].start and h.name not in ended]
-            match = [h for h in open_heads if h.name.rpartition(".")[2] == words[i + 1].text]
-            if match:
-                ended.add(match[-1].name)
-    still = [head for head in heads if head.start < position and head.name not in ended]
-    long = [head for head in still if not _is_short(words, head)]
-    return long[-1].name if long else ""
-
-
-def _is_short(words: Sequence[Token], head: ClassHead) -> bool:
-    """`model M = N(…)` has no end."""
-    at = next(i for i, word in enumerate(words) if word.start == head.start)
-    return at + 1 < len(words) and words[at + 1].text == "="
+def _around(heads: Sequence[ClassHead], word: Token) -> str:
+    """The full name of the class whose text a word stands in; empty outside of all."""
+    around = [head.name for head in heads if head.start < word.start < head.end and not head.is_short]
+    return around[-1] if around else ""

@@ -29,11 +29,11 @@ from daest.modelica.assemble import assemble
 from daest.modelica.compiler import Job, compile_source, with_room
 from daest.modelica.connectors import connectors_of
 from daest.modelica.library import bundled_root, library_roots, readable_roots, stamp
-from daest.modelica.outline import ClassHead, class_heads, class_tokens, tokens
+from daest.modelica.outline import ClassHead, class_heads, class_tokens, offset_of, tokens
 from daest.modelica.parse import Annotation, annotation_of
 from daest.modelica.source import read_source
 from daest.modelica.text import text
-from daest.near import near_names
+from daest.near import did_you_mean, near_names
 
 __all__ = ["EffectModel", "effect_library", "effect_model", "find_effect", "find_effects", "library_digest"]
 
@@ -289,8 +289,7 @@ def _plain(documentation: str) -> str:
 def _check(source: _Source) -> None:
     for key in source.annotation.entries:
         if key not in _KEYS:
-            near = near_names(key, _KEYS, 1)
-            hint = f"Did you mean `{near[0]}`? " if near else ""
+            hint = did_you_mean(key, _KEYS, 1)
             raise source.error(
                 key, f"`{key}` has no meaning for an effect", f"{hint}Known: {', '.join(_KEYS)}."
             )
@@ -581,12 +580,7 @@ def _annotation_of(parameter: Parameter) -> Annotation:
     if parameter.place is None or parameter.place.line is None:
         return Annotation()
     content = read_source(Path(parameter.place.file))
-    lines = content.split(b"\n")
-    line = lines[parameter.place.line - 1].decode()
-    start = sum(len(one) + 1 for one in lines[: parameter.place.line - 1])
-    return annotation_of(
-        parameter.place.file, content, start + len(line[: (parameter.place.column or 1) - 1].encode())
-    )
+    return annotation_of(parameter.place.file, content, offset_of(content, parameter.place))
 
 
 def _own_states(model: EffectModel, parameters: Sequence[EffectParameter], signals: Sequence[str]) -> int:

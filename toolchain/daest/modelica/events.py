@@ -25,7 +25,7 @@ from daest.modelica.functions import assigned, whole_name
 from daest.modelica.operators import EVENTFUL
 from daest.modelica.scope import ModelScope, element_names, symbols
 from daest.modelica.text import text
-from daest.modelica.values import Scalar, Value
+from daest.modelica.values import Scalar, Value, column
 
 _SWITCHED = {">": True, ">=": False, "<": True, "<=": False}
 
@@ -316,7 +316,7 @@ def kept(recorder: Recorder, starts: dict[str, float], first: int) -> Kept:
     parameters = tuple(
         Parameter(symbol.name(), value, description=what, is_memory=True) for symbol, value, what in entries
     )
-    columns = ca.vertcat(ca.SX(0, 1), *[symbol for symbol, _, _ in entries])
+    columns = column([symbol for symbol, _, _ in entries])
     slots = {symbol.name(): first + i for i, (symbol, _, _) in enumerate(entries)}
     return Kept(parameters, columns, slots)
 
@@ -352,16 +352,16 @@ def finished(
         restarts=tuple(_restart(target, unknowns) for target, _, _ in recorder.restarts),
         initial_slot=-1 if recorder.start is None else slots[recorder.start.name()],
         start_slots=tuple(slots[name] for name in given),
-        active=_column([one.symbol for one in recorder.activations]),
-        ticks=_column([symbol for symbol, _, _ in recorder.ticks]),
-        values=_column([one.value for one in relations]),
-        wholes=_column([one.value for one in wholes]),
-        conditions=_column(conditions),
-        assigned=_column(list(recorder.updates.values())),
-        sources=_column([value for _, value in memories]),
+        active=column([one.symbol for one in recorder.activations]),
+        ticks=column([symbol for symbol, _, _ in recorder.ticks]),
+        values=column([one.value for one in relations]),
+        wholes=column([one.value for one in wholes]),
+        conditions=column(conditions),
+        assigned=column(list(recorder.updates.values())),
+        sources=column([value for _, value in memories]),
         restarted=_table([(active, value) for _, active, value in recorder.restarts]),
         samples=_table([(start, interval) for _, start, interval in recorder.ticks]),
-        starts=_column([starts[name] for name in given]),
+        starts=column([starts[name] for name in given]),
     )
 
 
@@ -380,10 +380,6 @@ def _restart(target: s.Name, unknowns: dict[str, int]) -> Restart:
             remedy="Name a variable that is differentiated.",
         )
     return Restart(name, unknowns[name])
-
-
-def _column(parts: Sequence[ca.SX]) -> ca.SX:
-    return ca.vertcat(*parts) if parts else ca.SX(0, 1)
 
 
 def _table(rows: Sequence[tuple[ca.SX, ca.SX]]) -> ca.SX:

@@ -9,7 +9,6 @@ compiler says so, it reads the whole library instead.
 from __future__ import annotations
 
 import hashlib
-import os
 import pickle
 import re
 from collections.abc import Mapping, Sequence
@@ -17,17 +16,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from daest.cache import cache_folder, forget_unused, keep_content, kept_content, was_used
+from daest.cache import cache_folder, keep_content, kept_content
 from daest.modelica.bus_members import bus_members, with_members
 from daest.modelica.complex_text import COMPLEX, with_parts
 from daest.modelica.components import Classes
 from daest.modelica.dialect import OPERATOR_FILES, adapted, external_objects, with_constructors
 from daest.modelica.fitting import fits, with_bases
-from daest.modelica.library import BYTE_ORDER_MARK, MOST_KEPT, Roots, library_name, put_in_place, stamp
-from daest.modelica.outline import class_heads
+from daest.modelica.library import BYTE_ORDER_MARK, Roots, kept_folder, library_name, stamp, write_file
+from daest.modelica.outline import NO_CODE, class_heads
 
 _VERSION = "30"  # of what is kept; another one throws away what is there
-_STRIP = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
 _ALIAS = re.compile(
     rb"\b(?:import|package|model|function|type|block|connector|record|class|operator)\s+([A-Za-z_]\w*)"
@@ -124,7 +122,7 @@ def _index(entry: Path) -> _Library:
 
 def _read(text: bytes, scope: tuple[str, ...]) -> _File:
     objects = tuple(".".join((*scope, one)) for one in external_objects(text))
-    bare = _STRIP.sub(b" ", text)
+    bare = NO_CODE.sub(b" ", text)
     names = frozenset(re.sub(rb"\s", b"", name).decode() for name in _NAME.findall(bare))
     aliases = {a.decode(): b.decode() for a, b in _ALIAS.findall(bare)}
     opened: list[str] = []
@@ -267,8 +265,8 @@ def _written(
     for name in used:
         entry = libraries[name].entry
         origins[str(root / (name + entry.suffix if entry.is_file() else name))] = entry
-    if not root.is_dir():
-        draft = root.with_name(f"{root.name}.{os.getpid()}")
+
+    def fill(draft: Path) -> None:
         texts = {
             full: with_bases(_file_of(full, libraries).read_bytes().removeprefix(BYTE_ORDER_MARK), bases)
             for full in needed
@@ -284,13 +282,11 @@ def _written(
             place = library.places[full]
             inside = f"{library_name(library.entry)}/{place}" if place else f"{full}.mo"
             text = with_parts(texts[full], classes) if full in with_complex else texts[full]
-            _write(draft / inside, with_constructors(adapted(text), objects))
+            write_file(draft / inside, with_constructors(adapted(text), objects))
         for name, content in OPERATOR_FILES.items():
-            _write(draft / f"{name}.mo", content.encode())
-        put_in_place(draft, root)
-        forget_unused(root.parent, MOST_KEPT)
-    was_used(root)
-    return root, origins, tuple(objects)
+            write_file(draft / f"{name}.mo", content.encode())
+
+    return kept_folder(root, fill), origins, tuple(objects)
 
 
 def _with_complex(texts: Mapping[str, bytes], libraries: dict[str, _Library]) -> set[str]:
@@ -314,11 +310,6 @@ def _file_of(full: str, libraries: dict[str, _Library]) -> Path:
     library = libraries[full.partition(".")[0]]
     place = library.places[full]
     return library.entry / place if place else library.entry
-
-
-def _write(file: Path, content: bytes) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_bytes(content)
 
 
 def adapted_text(text: bytes, roots: Roots) -> bytes:

@@ -14,7 +14,7 @@ from daest.errors import ModelError
 from daest.model.effects import Domain, Effect, Placement, Site
 from daest.model.flat import FlatModel
 from daest.modelica.attach import attach, component_name, free_name, given_source, names_of
-from daest.modelica.balances import Balance, balances
+from daest.modelica.balances import balances
 from daest.modelica.compile import compile_text
 from daest.modelica.compiler import modification
 from daest.modelica.effects import effect_model
@@ -132,8 +132,8 @@ class _Original:
         found = connect_clauses(words)
         gone = {pair for clause in extends_clauses(words) for pair in clause.broken}
         for clause in extends_clauses(words):
-            base = find_base(heads, head, clause.base)
-            if base is not None and base.name != head.name:
+            base = find_base(heads, head.name, clause.base)
+            if base is not None:
                 found += [one for one in self._clauses(base) if one.pair not in gone]
         return found
 
@@ -399,7 +399,8 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Origi
                 draft.connect(f"{name}.{own}", _prescribed(draft, original.flat, name, variable))
                 continue
             # What has been opened before changes the number of an equation.
-            opened = next(b for b in balances(original.flat) if _variable(original.flat, b) == variable)
+            names = [v.name for v in original.flat.unknowns]
+            opened = next(b for b in balances(original.flat) if names[b.variable] == variable)
             original, end = _opened_balance(original, opened.name(original.flat), site.domain)
             draft.connect(f"{name}.{own}", end)
     elif site.kind == "force":
@@ -429,10 +430,6 @@ def _prescribed(draft: _Draft, flat: FlatModel, name: str, variable: str) -> str
     draft.declarations.append(f'{kind} {source} "Temperature that is measured";')
     draft.equations.append(f"{source}.T = {variable};")
     return f"{source}.port"
-
-
-def _variable(flat: FlatModel, balance: Balance) -> str:
-    return flat.unknowns[balance.variable].name
 
 
 def _opened_balance(original: _Original, place: str, domain: Domain) -> tuple[_Original, str]:
@@ -622,8 +619,8 @@ def _modified(name: str, original: _Original, head: ClassHead) -> str:
         if name in clause.bound:
             first, last = clause.bound[name]
             return original.source[first:last].decode()
-        base = find_base(class_heads(original.source), head, clause.base)
-        found = "" if base is None or base.name == head.name else _modified(name, original, base)
+        base = find_base(class_heads(original.source), head.name, clause.base)
+        found = "" if base is None else _modified(name, original, base)
         if found:
             return found
     return ""

@@ -12,7 +12,7 @@ import rumoca
 from daest.errors import ModelError, Place
 from daest.modelica.library import library_root
 from daest.modelica.outline import Token, class_heads, imported, place_of, tokens
-from daest.near import near_names
+from daest.near import did_you_mean, near_names
 
 STANDARD = "Modelica."  # how names of the Modelica Standard Library begin
 MOST_EXPECTED = 8  # words of the parser that are passed on
@@ -642,8 +642,7 @@ def unknown_class(name: str, path: Path, text: bytes) -> ModelError:
             kind = "partial " + head.kind if head.is_partial else head.kind
             return not_a_model(name, kind, place_of(str(path), text, head.start))
     models = [head.name for head in heads if head.is_model]
-    near = near_names(name, models, 1)
-    hint = f"Did you mean `{near[0]}`? " if near else ""
+    hint = did_you_mean(name, models, 1)
     listed = f"The file has: {', '.join(models)}." if models else "The file has no model."
     return ModelError(
         "model-unknown-class", f"there is no model `{name}` in {path}", where=str(path), remedy=hint + listed

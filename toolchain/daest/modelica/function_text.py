@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from daest.modelica import syntax as s
-from daest.modelica.outline import Token, class_heads, tokens
+from daest.modelica.outline import Token, class_heads, class_tokens, laid_over, tokens
 from daest.modelica.parse import ParseError, Parser
 
 _KEYWORD = b"algorithm"
@@ -36,38 +36,23 @@ def find_function(text: bytes, name: str) -> FunctionText | None:
     heads = [h for h in class_heads(text) if h.kind == "function" and h.name.rpartition(".")[2] == short]
     if len(heads) != 1:
         return None
-    previous, algorithm = "", None
-    for token in tokens(text, heads[0].start):
-        if token.text == "algorithm" and algorithm is None:
-            algorithm = token.start
-        if previous == "end" and token.text == short:
-            end = text.rfind(b"end", 0, token.start)
-            if algorithm is None:
-                return None
-            try:
-                outputs = _outputs(text, heads[0].start, algorithm)
-            except ParseError:
-                return None
-            return FunctionText(short, outputs, heads[0].start, algorithm, end)
-        previous = token.text
-    return None
-
-
-def _outputs(text: bytes, start: int, stop: int) -> tuple[str, ...]:
-    """Names declared by `output Type a, b[2] = …;` between two bytes."""
-    words = [token for token in tokens(text, start) if token.start < stop]
-    return tuple(variable.name for role, variable in _Declarations(words, 1).read() if role == "output")
+    words = class_tokens(text, heads[0])
+    algorithm = next((i for i, word in enumerate(words) if word.text == "algorithm"), None)
+    if algorithm is None:
+        return None
+    try:
+        declared = _Declarations(words[:algorithm], 1).read()
+    except ParseError:
+        return None
+    outputs = tuple(variable.name for role, variable in declared if role == "output")
+    return FunctionText(short, outputs, heads[0].start, words[algorithm].start, heads[0].end)
 
 
 def hidden(text: bytes, function: FunctionText) -> bytes:
     """The file with the function's algorithm replaced by an external declaration; no line or byte moves."""
-    body = bytearray(text[function.algorithm : function.end])
+    body = text[function.algorithm : function.end]
     instead = f"external {function.name}({','.join(function.outputs)});".encode()
-    blanks = iter(instead)
-    for i, byte in enumerate(body):
-        if byte not in b"\r\n":
-            body[i] = next(blanks, ord(" "))
-    return text[: function.algorithm] + bytes(body) + text[function.end :]
+    return text[: function.algorithm] + laid_over(body, instead) + text[function.end :]
 
 
 def with_products(text: bytes, names: Iterable[str]) -> bytes:

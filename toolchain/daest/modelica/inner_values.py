@@ -10,24 +10,23 @@ the model gives, in the text that the compiler reads, and the model is compiled 
 from __future__ import annotations
 
 import hashlib
-import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 
-from daest.cache import cache_folder, forget_unused, was_used
+from daest.cache import cache_folder
 from daest.errors import ModelError
 from daest.modelica import syntax as s
 from daest.modelica.compiler import Job
-from daest.modelica.library import MOST_KEPT, Roots, library_entries, put_in_place, stamp
-from daest.modelica.outline import CLOSE, OPEN, Token, closing, place_of, tokens
+from daest.modelica.components import expression_end
+from daest.modelica.library import Roots, kept_folder, library_entries, stamp, write_file
+from daest.modelica.outline import NO_CODE, closing, place_of, tokens
 from daest.modelica.parameters import is_parameter
 from daest.modelica.reading import Reading
 
-_SKIPPED = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 _OUTER = re.compile(rb"\bouter\s+(?:(?:replaceable|parameter)\s+)?\.?[A-Za-z_][\w.]*\s+([A-Za-z_]\w*)")
-_ENDS_VALUE = (";", ",", "annotation", "constrainedby")
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ def with_inner_values(source: s.FlatSource, job: Job) -> Job:
 def _outer_names(source: s.FlatSource) -> frozenset[str]:
     """Names of the components that some class declares as `outer`."""
     texts = (text for _, text in source.texts.values() if b"outer" in text)
-    return frozenset(name.decode() for text in texts for name in _OUTER.findall(_SKIPPED.sub(b" ", text)))
+    return frozenset(name.decode() for text in texts for name in _OUTER.findall(NO_CODE.sub(b" ", text)))
 
 
 def _is_of(variable: s.FlatVariable, shared: frozenset[str]) -> bool:
@@ -87,25 +86,12 @@ def _is_modified(variable: s.FlatVariable, source: s.FlatSource) -> bool:
 
 def _value_range(text: bytes, behind: int) -> tuple[int, int]:
     """Where the value of a declaration stands whose name ends at `behind`; empty where there is none."""
-    words = list(_statement(text, behind))
+    words = list(takewhile(lambda word: word.text != ";", tokens(text, behind)))
     at = closing(words, 0) if words and words[0].text == "(" else 0
-    end = words[at - 1].end if at else behind
     if at >= len(words) or words[at].text != "=":
+        end = words[at - 1].end if at else behind
         return end, end
-    depth = 0
-    for word in words[at + 1 :]:
-        if depth == 0 and (word.text in _ENDS_VALUE or word.kind == "text"):
-            break
-        depth += (word.text in OPEN) - (word.text in CLOSE)
-        end = word.end
-    return words[at].end, end
-
-
-def _statement(text: bytes, start: int) -> Iterator[Token]:
-    for word in tokens(text, start):
-        yield word
-        if word.text == ";":
-            return
+    return words[at].end, words[expression_end(words, at + 1) - 1].end
 
 
 def _default(variable: s.FlatVariable, source: s.FlatSource, value: str) -> _Default:
@@ -201,15 +187,12 @@ def _with_files(roots: Roots, folder: Path, changed: Mapping[Path, bytes]) -> Ro
     for file, text in sorted(changed.items()):
         digest.update(str(file).encode() + b"\0" + text)
     root = cache_folder() / "libraries" / f"inner-{digest.hexdigest()[:32]}"
-    if not root.is_dir():
-        draft = root.with_name(f"{root.name}.{os.getpid()}")
+
+    def fill(draft: Path) -> None:
         for file in [*folder.rglob("*.mo"), *folder.rglob("package.order")]:
-            place = draft / file.relative_to(folder)
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_bytes(changed.get(file) or file.read_bytes())
-        put_in_place(draft, root)
-        forget_unused(root.parent, MOST_KEPT)
-    was_used(root)
+            write_file(draft / file.relative_to(folder), changed.get(file) or file.read_bytes())
+
+    kept_folder(root, fill)
     origins: dict[str, Path] = {}
     for made, entry in roots.origins.items():
         is_inside = Path(made).is_relative_to(folder)

@@ -10,7 +10,7 @@ import hashlib
 import os
 import re
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,7 +66,7 @@ def bundled_root() -> Path | None:
 
 _COPIES = 3  # version of the copies of libraries in the cache: older ones hold folders without package.mo
 
-MOST_KEPT = 200  # copies, excerpts and indices of libraries in the cache
+_MOST_KEPT = 200  # copies, excerpts and indices of libraries in the cache
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
@@ -258,20 +258,17 @@ def _copied(entries: Sequence[Path], origins: dict[str, Path]) -> Path:
     for entry in entries:
         target = root / (_library(entry)[0] + entry.suffix if entry.is_file() else _library(entry)[0])
         origins[str(target)] = entry
-    if not root.is_dir():
-        draft = root.with_name(f"{root.name}.{os.getpid()}")
+
+    def fill(draft: Path) -> None:
         for entry in entries:
             _copy_library(entry, draft / _library(entry)[0])
-        put_in_place(draft, root)
-        forget_unused(root.parent, MOST_KEPT)
-    was_used(root)
-    return root
+
+    return kept_folder(root, fill)
 
 
 def _copy_library(source: Path, target: Path) -> None:
     if source.is_file():
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.with_suffix(".mo").write_bytes(source.read_bytes().removeprefix(BYTE_ORDER_MARK))
+        write_file(target.with_suffix(".mo"), source.read_bytes().removeprefix(BYTE_ORDER_MARK))
         return
     strays = _stray_folders(source)
     files = [Path(entry.path) for entry in _modelica_files(source)]
@@ -279,15 +276,27 @@ def _copy_library(source: Path, target: Path) -> None:
         if any(file.is_relative_to(stray) for stray in strays):
             continue
         place = target / file.relative_to(source)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_bytes(file.read_bytes().removeprefix(BYTE_ORDER_MARK))
+        write_file(place, file.read_bytes().removeprefix(BYTE_ORDER_MARK))
 
 
-def put_in_place(draft: Path, root: Path) -> None:
-    """Put the finished folder in place; another process may have been faster."""
-    try:
-        draft.rename(root)
-    except OSError:
-        shutil.rmtree(draft, ignore_errors=True)
-        if not root.is_dir():
-            raise
+def write_file(file: Path, content: bytes) -> None:
+    """Write a file in a folder that may have to be made."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_bytes(content)
+
+
+def kept_folder(root: Path, fill: Callable[[Path], None]) -> Path:
+    """The folder `root` of the cache; where it is not there, `fill` writes its content into a draft first.
+    Raises OSError."""
+    if not root.is_dir():
+        draft = root.with_name(f"{root.name}.{os.getpid()}")
+        fill(draft)
+        try:
+            draft.rename(root)
+        except OSError:  # another process may have been faster
+            shutil.rmtree(draft, ignore_errors=True)
+            if not root.is_dir():
+                raise
+        forget_unused(root.parent, _MOST_KEPT)
+    was_used(root)
+    return root

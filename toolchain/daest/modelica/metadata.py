@@ -8,6 +8,7 @@ x0`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import casadi as ca
 
@@ -167,18 +168,8 @@ def qualified(node: s.Node, component: str) -> s.Node:
     """The node with its names seen from the model: `intensity` of component `noise` -> `noise.intensity`."""
     if not component:
         return node
-    match node:
-        case s.Name(name, subscripts):
-            return s.Name(f"{component}.{name}", subscripts)
-        case s.Unary(operator, operand):
-            return s.Unary(operator, qualified(operand, component))
-        case s.Binary(operator, left, right):
-            return s.Binary(operator, qualified(left, component), qualified(right, component))
-        case s.Call(function, arguments):
-            return s.Call(function, tuple(qualified(a, component) for a in arguments), builtin=True)
-        case s.Array(elements):
-            return s.Array(tuple(qualified(e, component) for e in elements))
-    return node
+    made = s.rebuilt(node, lambda part: qualified(part, component))
+    return replace(made, name=f"{component}.{made.name}") if isinstance(made, s.Name) else made
 
 
 def start_rows(unknowns: Sequence[Element], reading: Reading) -> dict[str, Row]:

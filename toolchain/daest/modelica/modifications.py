@@ -9,41 +9,27 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import dropwhile
 
 from daest.errors import ModelError
 from daest.modelica import syntax as s
+from daest.modelica.components import declared, statements
 from daest.modelica.expressions import split_path
 from daest.modelica.outline import (
-    CLOSE,
-    KINDS,
-    OPEN,
     ClassHead,
     Token,
+    arguments,
     class_heads,
     class_tokens,
-    closing,
+    depths,
     extends_clauses,
     find_base,
+    name_end,
     place_of,
     tokens,
 )
-from daest.near import near_names
+from daest.near import did_you_mean
 
-_PREFIXES = (
-    *("final", "inner", "outer", "replaceable", "redeclare", "flow", "stream", "discrete"),
-    *("parameter", "constant", "input", "output", "each"),
-)
-_OTHERS = (
-    "import",
-    "extends",
-    "annotation",
-    "encapsulated",
-    "partial",
-    "expandable",
-    "impure",
-    "pure",
-    "end",
-)
 _ATTRIBUTES = (
     *("start", "fixed", "min", "max", "nominal", "unit", "displayUnit", "quantity", "stateSelect"),
     *("unbounded", "absoluteValue"),
@@ -52,7 +38,7 @@ _ATTRIBUTES = (
 
 @dataclass(frozen=True)
 class _Modification:
-    """`name(inner) = …` at a token; `is_class` where a class is redeclared."""
+    """`name(inner) = …` at a token."""
 
     name: str
     at: Token
@@ -89,11 +75,11 @@ class _Check:
     def of_class(self, head: ClassHead) -> None:
         words = class_tokens(self.text, head)
         for base, modifications in _extensions(words):
-            found = find_base(self.heads, head, base)
+            found = find_base(self.heads, head.name, base)
             own = None if found is None else names_of(self.text, self.heads, found)
             for one in modifications:
                 self._check(one, "", own)
-            if found is not None and found.name != head.name:
+            if found is not None:
                 self.of_class(found)
         for name, modifications in _components(words):
             for one in modifications:
@@ -152,11 +138,11 @@ def names_of(text: bytes, heads: Sequence[ClassHead], head: ClassHead) -> frozen
     words = class_tokens(text, head)
     found = set(_outside(words))
     bases = [clause.base for clause in extends_clauses(words)]
-    if len(words) > 2 and words[1].text == "=":
+    if head.is_short and len(words) > 2:
         bases = [words[2].text]
     for name in bases:
-        base = find_base(heads, head, name)
-        inherited = None if base is None or base.name == head.name else names_of(text, heads, base)
+        base = find_base(heads, head.name, name)
+        inherited = None if base is None else names_of(text, heads, base)
         if inherited is None:
             return None
         found |= inherited
@@ -166,8 +152,7 @@ def names_of(text: bytes, heads: Sequence[ClassHead], head: ClassHead) -> frozen
 def _nothing_there(
     one: _Modification, where: str, names: Sequence[str], text: bytes, file: str
 ) -> ModelError:
-    near = near_names(one.name, names, 2)
-    hint = f"Did you mean {' or '.join(f'`{name}`' for name in near)}? " if near else ""
+    hint = did_you_mean(one.name, names, 2)
     return ModelError(
         "model-unknown-name",
         f"{where} has no `{one.name}` that could be modified",
@@ -181,96 +166,33 @@ def _plain(name: str) -> str:
 
 
 def _outside(words: Sequence[Token]) -> Iterator[str]:
-    depth = 0
-    for word in words:
-        depth += (word.text in OPEN) - (word.text in CLOSE)
-        if depth == 0 and word.kind == "name":
-            yield word.text
+    """The names that stand outside of brackets."""
+    return (words[i].text for i, depth in depths(words) if depth == 0 and words[i].kind == "name")
 
 
 def _extensions(words: Sequence[Token]) -> Iterator[tuple[str, tuple[_Modification, ...]]]:
     """Base classes with the modifications of the clause."""
     for clause in extends_clauses(words):
-        at = next(i for i, word in enumerate(words) if word.start == clause.start) + 1
-        while at < len(words) and (words[at].kind == "name" or words[at].text == "."):
-            at += 1
-        yield clause.base, _modifications(words, at)
+        at = next(i for i, word in enumerate(words) if word.start == clause.start)
+        yield clause.base, _modifications(words, name_end(words, at + 1))
 
 
 def _components(words: Sequence[Token]) -> Iterator[tuple[str, tuple[_Modification, ...]]]:
     """Declared components that are modified."""
-    for statement in _declarations(words):
-        at = 0
-        while at < len(statement) and statement[at].text in _PREFIXES:
-            at += 1
-        if at >= len(statement) or statement[at].text in (*KINDS, *_OTHERS):
-            continue
-        while at < len(statement) and (statement[at].kind == "name" or statement[at].text == "."):
-            at += 1
-            if at < len(statement) and statement[at].kind == "name" and statement[at - 1].text != ".":
-                break
-        yield from _listed(statement, at)
-
-
-def _listed(words: Sequence[Token], at: int) -> Iterator[tuple[str, tuple[_Modification, ...]]]:
-    """`a(…) = 1, b[3](…)` from word `at` on, behind the class and its size."""
-    if at < len(words) and words[at].text == "[":
-        at = closing(words, at)
-    while at < len(words) and words[at].kind == "name":
-        name, at = words[at].text, at + 1
-        if at < len(words) and words[at].text == "[":
-            at = closing(words, at)
-        if at < len(words) and words[at].text == "(":
-            yield name, _modifications(words, at)
-        depth = 0
-        while at < len(words) and not (depth == 0 and words[at].text == ","):
-            depth += (words[at].text in OPEN) - (words[at].text in CLOSE)
-            at += 1
-        at += 1
-
-
-def _declarations(words: Sequence[Token]) -> Iterator[list[Token]]:
-    """The statements of a class before its equations, without what stands between."""
-    statement: list[Token] = []
-    depth = 0
-    for word in words[1:]:
-        depth += (word.text in OPEN) - (word.text in CLOSE)
-        if not statement and word.text in ("equation", "algorithm", "initial"):
-            return
-        if (not statement and word.kind == "text") or (
-            not statement and word.text in ("public", "protected")
-        ):
-            continue
-        if depth == 0 and word.text == ";":
-            yield statement
-            statement = []
-        else:
-            statement.append(word)
+    for line in statements(words):
+        for one in declared(line, ""):
+            yield one.name.text, _modifications(one.modification, 0)
 
 
 def _modifications(words: Sequence[Token], at: int) -> tuple[_Modification, ...]:
     """The modifications in the bracket at `at`, () if there is none. Redeclarations are left out."""
     if at >= len(words) or words[at].text != "(":
         return ()
-    end = closing(words, at) - 1
     found: list[_Modification] = []
-    at += 1
-    while at < end:
-        while at < end and words[at].text in ("each", "final"):
-            at += 1
-        if (
-            at < end
-            and words[at].kind == "name"
-            and words[at].text not in ("redeclare", "replaceable", "break")
-        ):
-            first, name = words[at], words[at].text
-            at += 1
-            while at + 1 < end and words[at].text == ".":
-                name, at = f"{name}.{words[at + 1].text}", at + 2
-            found.append(_Modification(name, first, _modifications(words, at)))
-        depth = 0
-        while at < end and not (depth == 0 and words[at].text == ","):
-            depth += (words[at].text in OPEN) - (words[at].text in CLOSE)
-            at += 1
-        at += 1
+    for one in arguments(words, at):
+        said = list(dropwhile(lambda word: word.text in ("each", "final"), one))
+        end = name_end(said, 0)
+        if end and said[0].text not in ("redeclare", "replaceable", "break"):
+            name = "".join(word.text for word in said[:end])
+            found.append(_Modification(name, said[0], _modifications(said, end)))
     return tuple(found)

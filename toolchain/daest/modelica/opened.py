@@ -20,6 +20,7 @@ from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.modelica.attach import ZERO_CELSIUS, free_name
 from daest.modelica.balances import Balance, needs_position
+from daest.modelica.components import expression_end
 from daest.modelica.connectors import connectors_of
 from daest.modelica.internal_forces import InternalForce
 from daest.modelica.meshes import Mesh
@@ -356,12 +357,7 @@ def _binding_behind(words: Sequence[Token], at: int) -> list[Token]:
     """The expression that a declaration binds the identifier at `at` to; empty where there is none."""
     end = _behind_declarator(words, at)
     rest = [w for w in words if w.start >= end]
-    if not rest or rest.pop(0).text != "=":
-        return []
-    for (i, depth), word in zip(depths(rest), rest, strict=True):
-        if depth == 0 and (word.text in (";", ",", "annotation") or word.kind == "text"):
-            return list(rest[:i])
-    return []
+    return rest[1 : expression_end(rest, 1)] if rest and rest[0].text == "=" else []
 
 
 def _type_of_output(source: bytes, words: Sequence[Token], at: int) -> str:

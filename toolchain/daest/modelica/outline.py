@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import takewhile
 from typing import Literal
@@ -21,13 +21,16 @@ _COMPILABLE = ("model", "block", "class")
 
 @dataclass(frozen=True)
 class ClassHead:
-    """One class definition; `name` is its full name, `start` the byte offset of its identifier."""
+    """One class definition. `name` is its full name, `start` the byte offset of its identifier, `end` that of
+    its word `end`; a short one, `type T = Real;`, ends at its semicolon."""
 
     kind: str
     name: str
     is_partial: bool
-    start: int
+    is_short: bool
     depth: int
+    start: int
+    end: int
 
     @property
     def is_model(self) -> bool:
@@ -36,52 +39,39 @@ class ClassHead:
 
 def within(source: bytes) -> str:
     """The package that the file says it lies within; empty when it says none."""
-    words = _head(source)
-    if not words or words[0].text != "within":
-        return ""
-    parts = []
-    for token in words[1:]:
-        if token.text == ";":
-            break
-        parts.append(token.text)
-    return "".join(parts)
-
-
-def _head(source: bytes, count: int = 64) -> list[Token]:
-    found: list[Token] = []
-    for token in tokens(source):
-        found.append(token)
-        if len(found) == count or token.text == ";":
-            break
-    return found
+    words = takewhile(lambda token: token.text != ";", tokens(source))
+    first = next(words, None)
+    return "".join(token.text for token in words) if first is not None and first.text == "within" else ""
 
 
 @lru_cache(maxsize=32)  # the steps of a compilation ask one after the other
 def class_heads(source: bytes) -> tuple[ClassHead, ...]:
     """All class definitions of the file, outer before inner. Broken text gives what can be made out."""
     found: list[ClassHead] = []
-    stack = [name for name in within(source).split(".") if name]
-    base = len(stack)
+    package = within(source)
+    opened: list[int] = []  # indices in `found` of the classes around
     words = list(tokens(source))
     for i, token in enumerate(words):
         if token.kind != "name":
             continue
-        if token.text == "end" and _ends_class(words, i, stack, base):
-            stack.pop()
-        elif token.text in KINDS and (head := _definition(words, i, stack, base)) is not None:
+        around = found[opened[-1]].name if opened else package
+        if token.text == "end" and opened and _follows(words, i, around.rpartition(".")[2]):
+            at = opened.pop()
+            found[at] = replace(found[at], end=token.start)
+        elif token.text in KINDS and (head := _definition(words, i, around, len(opened))) is not None:
+            if not head.is_short:
+                opened.append(len(found))
             found.append(head)
-            if not _is_short(words, i):
-                stack.append(head.name.rpartition(".")[2])
     return tuple(found)
 
 
-def _ends_class(words: list[Token], i: int, stack: list[str], base: int) -> bool:
-    return len(stack) > base and i + 1 < len(words) and words[i + 1].text == stack[-1]
+def _follows(words: Sequence[Token], i: int, text: str) -> bool:
+    return i + 1 < len(words) and words[i + 1].text == text
 
 
-def _definition(words: list[Token], i: int, stack: list[str], base: int) -> ClassHead | None:
-    """The class that the keyword at `i` opens; None where the keyword stands in another role (`end
-    model`)."""
+def _definition(words: Sequence[Token], i: int, around: str, depth: int) -> ClassHead | None:
+    """The class that the keyword at `i` opens in the class `around`; None where the keyword stands in another
+    role (`end model`). A long one ends with the words until its `end` is read."""
     at = i + 1
     if at < len(words) and words[at].text == "extends":
         at += 1
@@ -90,14 +80,11 @@ def _definition(words: list[Token], i: int, stack: list[str], base: int) -> Clas
     before = [token.text for token in words[max(0, i - 4) : i]]
     if before and before[-1] in ("end", "."):
         return None
-    name = ".".join([*stack, words[at].text])
-    return ClassHead(words[i].text, name, "partial" in before, words[at].start, len(stack) - base)
-
-
-def _is_short(words: list[Token], i: int) -> bool:
-    """`type T = Real;` and `model M = N(…)` have no `end`."""
-    at = i + (3 if i + 1 < len(words) and words[i + 1].text == "extends" else 2)
-    return at < len(words) and words[at].text == "="
+    name = f"{around}.{words[at].text}" if around else words[at].text
+    is_short = _follows(words, at, "=")
+    stop = find_outside(words, at, ";") if is_short else len(words)
+    end = words[stop].start if stop < len(words) else words[-1].end
+    return ClassHead(words[i].text, name, "partial" in before, is_short, depth, words[at].start, end)
 
 
 _TOKEN = re.compile(
@@ -111,6 +98,9 @@ _TOKEN = re.compile(
     """,
     re.VERBOSE | re.DOTALL,
 )
+
+# Strings and comments.
+NO_CODE = re.compile(rb'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 
 # The compiler's parser and ours recurse: text that nests or chains deeper than this is refused beforehand.
 MAX_NESTING = 300
@@ -159,6 +149,12 @@ class Edit:
     start: int
     end: int
     text: str
+
+
+def laid_over(old: bytes, new: bytes = b"") -> bytes:
+    """`new` and then spaces in the place of all bytes of `old` but its line ends: nothing behind it moves."""
+    rest = iter(new)
+    return bytes(byte if byte in b"\r\n" else next(rest, ord(" ")) for byte in old)
 
 
 def edited(source: bytes, edits: Iterable[Edit]) -> bytes:
@@ -225,41 +221,30 @@ class ConnectClause:
 def class_tokens(source: bytes, head: ClassHead) -> list[Token]:
     """The tokens of a class from its name to its `end`, without those of classes inside of it that have an
     `end` of their own; of a short class, `model M = N(…)`, to its semicolon."""
-    inner = {h.start for h in class_heads(source) if h.name.startswith(head.name + ".")}
-    words = list(tokens(source, head.start))
-    last = words[0].text
-    if len(words) > 1 and words[1].text == "=":
-        return words[: _statement_end(words)]
+    inner = {
+        one.start: one.end
+        for one in class_heads(source)
+        if one.name.startswith(head.name + ".") and not one.is_short
+    }
     found: list[Token] = []
-    i = 0
-    while i < len(words):
-        follows = words[i + 1].text if i + 1 < len(words) else ""
-        if words[i].text == "end" and follows == last:
-            return found
-        if words[i].start in inner and follows != "=":
-            i = _class_end(words, i)
-            continue
-        found.append(words[i])
-        i += 1
+    words = iter(tokens(source, head.start))
+    for word in words:
+        if word.start >= head.end:
+            break
+        if word.start in inner:
+            next((one for one in words if one.start >= inner[word.start]), None)
+            next(words, None)  # the name behind its `end`
+        else:
+            found.append(word)
     return found
 
 
-def _class_end(words: Sequence[Token], at: int) -> int:
-    """Index behind the `end Name` of the class whose name stands at `at`."""
-    for i in range(at + 1, len(words) - 1):
-        if words[i].text == "end" and words[i + 1].text == words[at].text:
-            return i + 2
-    return len(words)
-
-
-def _statement_end(words: Sequence[Token]) -> int:
-    """Index of the semicolon that ends the statement at the first word."""
-    depth = 0
-    for i, word in enumerate(words):
-        depth += (word.text in OPEN) - (word.text in CLOSE)
-        if depth < 0 or (depth == 0 and word.text == ";"):
-            return i  # a bracket around a redeclared class ends it, too
-    return len(words)
+def find_outside(words: Sequence[Token], at: int, *stops: str) -> int:
+    """Index of the first of the words `stops` from `at` on that stands outside of brackets, or of the bracket
+    that closes one around; the number of words where there is neither."""
+    while at < len(words) and words[at].text not in (*stops, *CLOSE):
+        at = closing(words, at) if words[at].text in OPEN else at + 1
+    return at
 
 
 def extends_clauses(words: Sequence[Token]) -> list[Extends]:
@@ -270,7 +255,7 @@ def extends_clauses(words: Sequence[Token]) -> list[Extends]:
             end = i + 1
             while end < len(words) and (words[end].kind == "name" or words[end].text == "."):
                 end += 1
-            base = "".join(token.text for token in words[i + 1 : end])
+            base = _joined(words[i + 1 : end])
             found.append(Extends(base, _broken(words, end), words[i].start, _bound(words, end)))
     return found
 
@@ -306,7 +291,7 @@ def _broken(words: Sequence[Token], at: int) -> tuple[frozenset[str], ...]:
     end = closing(words, at)
     for i in range(at, end):
         if words[i].text == "break" and words[i + 1].text == "connect":
-            found.append(frozenset(_arguments(words, i + 2)))
+            found.append(frozenset(map(_joined, arguments(words, i + 2))))
     return tuple(found)
 
 
@@ -315,24 +300,26 @@ def connect_clauses(words: Sequence[Token]) -> list[ConnectClause]:
     found: list[ConnectClause] = []
     for i, depth in depths(words):
         if depth == 0 and words[i].text == "connect" and i + 1 < len(words) and words[i + 1].text == "(":
-            arguments = _arguments(words, i + 1)
-            end = closing(words, i + 1)
-            while end < len(words) and words[end].text != ";":
-                end = closing(words, end) if words[end].text in OPEN else end + 1
-            if len(arguments) == 2 and end < len(words):
-                found.append(ConnectClause(arguments[0], arguments[1], words[i].start, words[end].end))
+            ends = [_joined(one) for one in arguments(words, i + 1)]
+            stop = find_outside(words, i + 1, ";")
+            if len(ends) == 2 and stop < len(words):
+                found.append(ConnectClause(ends[0], ends[1], words[i].start, words[stop].end))
     return found
 
 
-def find_base(heads: Sequence[ClassHead], derived: ClassHead, base: str) -> ClassHead | None:
-    """The class of the file that `base` means where `derived` extends it: looked up from the inside
-    outwards."""
-    scope = derived.name.split(".")[:-1]
+def _joined(words: Sequence[Token]) -> str:
+    return "".join(word.text for word in words)
+
+
+def find_base(heads: Sequence[ClassHead], derived: str, base: str) -> ClassHead | None:
+    """The class of the file that `base` means where the class `derived` extends it, looked up from the inside
+    outwards; None for one of another file."""
+    scope = derived.split(".")[:-1]
     by_name = {head.name: head for head in heads}
     for end in range(len(scope), -1, -1):
         found = by_name.get(".".join([*scope[:end], base]))
         if found is not None:
-            return found
+            return None if found.name == derived else found
     return None
 
 
@@ -353,19 +340,6 @@ def closing(words: Sequence[Token], at: int) -> int:
         if depth == 0:
             return i + 1
     return len(words)
-
-
-def _arguments(words: Sequence[Token], at: int) -> list[str]:
-    """The arguments, as text without white space, of the call whose bracket opens at `at`."""
-    arguments = [""]
-    depth = 0
-    for token in words[at + 1 : closing(words, at) - 1]:
-        depth += (token.text in OPEN) - (token.text in CLOSE)
-        if token.text == "," and depth == 0:
-            arguments.append("")
-        else:
-            arguments[-1] += token.text
-    return arguments
 
 
 def name_end(words: Sequence[Token], at: int) -> int:

@@ -12,16 +12,16 @@ The compiler drops annotations, but tells where each declaration stands.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 from daest.errors import ModelError, Place
 from daest.modelica import syntax as s
 from daest.modelica.operators import BUILTINS, REFUSED
-from daest.modelica.outline import Token, place_of, tokens
+from daest.modelica.outline import CLOSE, OPEN, Token, arguments, find_outside, place_of, tokens
 from daest.modelica.text import text
-from daest.near import near_names
+from daest.near import did_you_mean
 
 _BINARY = {"or": 1, "and": 2, "<": 4, "<=": 4, ">": 4, ">=": 4, "==": 4, "<>": 4}
 _BINARY |= {"+": 5, "-": 5, ".+": 5, ".-": 5, "*": 6, "/": 6, ".*": 6, "./": 6, "^": 7, ".^": 7}
@@ -258,7 +258,6 @@ KEYS: dict[Role, tuple[str, ...]] = {
     "variable": (),
 }
 SCALES = ("auto", "linear", "log")
-_OPEN, _CLOSE = ("(", "[", "{"), (")", "]", "}")
 
 
 @dataclass(frozen=True)
@@ -289,7 +288,8 @@ class Annotation:
         for scale in SCALES:
             if value == scale:
                 return scale  # type: ignore[return-value]
-        raise self.error("scale", f"`scale = {text(node)}` is no scale", f"Choose {_quoted(SCALES)}.")
+        choices = ", ".join(f'"{scale}"' for scale in SCALES)
+        raise self.error("scale", f"`scale = {text(node)}` is no scale", f"Choose {choices}.")
 
     def error(self, key: str, what: str, remedy: str) -> ModelError:
         return ModelError(
@@ -306,11 +306,10 @@ def annotation_of(file: str, source: bytes, declaration_end: int) -> Annotation:
 
     A list `Real a, b annotation(...)` gives the annotation to b alone, as Modelica does."""
     tail = _tail(source, declaration_end)
-    at = _annotation_arguments(tail)
-    while at is not None and at < len(tail) and tail[at].text != ")":
-        if tail[at].text == "__Daest" and at + 1 < len(tail) and tail[at + 1].text == "(":
-            return _entries(tail, at, file, source)
-        at = _after_argument(tail, at)
+    at = find_outside(tail, 0, "annotation") + 1
+    for one in arguments(tail, at) if at < len(tail) and tail[at].text == "(" else ():
+        if one[0].text == "__Daest" and len(one) > 1 and one[1].text == "(":
+            return _entries(one, file, source)
     return NONE
 
 
@@ -321,37 +320,17 @@ def _tail(source: bytes, start: int) -> list[Token]:
     for token in tokens(source, start):
         if depth == 0 and token.text in (",", ";"):
             break
-        depth += (token.text in _OPEN) - (token.text in _CLOSE)
+        depth += (token.text in OPEN) - (token.text in CLOSE)
         if depth < 0:
             break
         found.append(token)
     return found
 
 
-def _annotation_arguments(tail: Sequence[Token]) -> int | None:
-    """Index of the first token inside `annotation(...)`."""
-    depth = 0
-    for i, token in enumerate(tail[:-1]):
-        if depth == 0 and token.text == "annotation" and tail[i + 1].text == "(":
-            return i + 2
-        depth += (token.text in _OPEN) - (token.text in _CLOSE)
-    return None
-
-
-def _after_argument(tail: Sequence[Token], at: int) -> int:
-    """Index of the token after the next `,` of this bracket level, or of the closing bracket."""
-    depth = 0
-    while at < len(tail):
-        if depth == 0 and tail[at].text in (",", ")"):
-            return at + (tail[at].text == ",")
-        depth += (tail[at].text in _OPEN) - (tail[at].text in _CLOSE)
-        at += 1
-    return at
-
-
-def _entries(tail: list[Token], at: int, file: str, source: bytes) -> Annotation:
-    place = place_of(file, source, tail[at].start)
-    parser = Parser(tail, at + 2)
+def _entries(words: list[Token], file: str, source: bytes) -> Annotation:
+    """The entries of `__Daest(…)`."""
+    place = place_of(file, source, words[0].start)
+    parser = Parser(words, 2)
     entries: dict[str, s.Node] = {}
     places: dict[str, Place] = {}
     try:
@@ -383,12 +362,7 @@ def check_keys(annotation: Annotation, role: Role, name: str) -> None:
         if not known:
             what = f"`{name}` is neither a parameter, an input nor an output"
             raise annotation.error(key, what, "Move the annotation to a parameter, an input or an output.")
-        near = near_names(key, known, 1)
-        hint = f"Did you mean `{near[0]}`? " if near else ""
+        hint = did_you_mean(key, known, 1)
         raise annotation.error(
             key, f"`{key}` has no meaning for {role} `{name}`", f"{hint}Known there: {', '.join(known)}."
         )
-
-
-def _quoted(words: Sequence[str]) -> str:
-    return ", ".join(f'"{word}"' for word in words)

@@ -20,13 +20,14 @@ from daest.modelica.internal_forces import internal_forces
 from daest.modelica.meshes import meshes
 from daest.modelica.place_units import balances_flows
 from daest.modelica.terminals import terminals
-from daest.near import near_names
+from daest.near import did_you_mean
 
 # Rows of a component are linearised at a random point; a combination of rows is found with this relative
 # residual.
 _TOLERANCE = 1e-9
 # Exchange between bodies that no component joins is plausible in these domains (air, radiation, leaks).
 _PAIRED: tuple[Domain, ...] = ("thermal", "hydraulic")
+_MOST_LISTED = 12  # places in a message
 _SIGNAL_KINDS = ("input", "output", "parameter")
 # The places of the models that were asked for last: every effect of a search asks for those of one model.
 _found: deque[tuple[FlatModel, tuple[Site, ...]]] = deque(maxlen=8)
@@ -211,6 +212,22 @@ def find_site(flat: Model, name: str, effect: Effect | None = None) -> Site:
     return fitting[0]
 
 
+def find_effect_site(flat: Model, effects: Sequence[Effect], place: str) -> tuple[Effect, Site]:
+    """The first of `effects`, which have one name, that fits at the place called `place`, and that place.
+
+    Raises what `find_site` raises. Of effects that several domains have, the one of this model tells best why
+    it does not fit.
+    """
+    known = sites(flat)
+    problems: list[ModelError] = []
+    for effect in sorted(effects, key=lambda effect: not any(fits(effect, site) for site in known)):
+        try:
+            return effect, find_site(flat, place, effect)
+        except ModelError as problem:
+            problems.append(problem)
+    raise problems[0]
+
+
 def _first_connector(found: Sequence[Site], known: Sequence[Site]) -> list[Site]:
     ends = {site.connectors[0] for site in found if site.kind == "component"}
     return [s for s in known if s.kind == "connector" and ends & {s.name, *s.aliases}]
@@ -229,8 +246,7 @@ def _pair_named(flat: FlatModel, name: str) -> list[Site]:
 def _unknown(name: str, known: Sequence[Site], effect: Effect | None) -> ModelError:
     usable = [site for site in known if effect is None or fits(effect, site)]
     names = [n for site in usable for n in (site.name, *site.aliases)]
-    near = near_names(name, names, 3)
-    hint = f"Did you mean {' or '.join(f'`{one}`' for one in near)}? " if near else ""
+    hint = did_you_mean(name, names)
     where = f"{effect.name} fits at" if effect is not None else "Places are"
     return ModelError(
         "effect-place",
@@ -266,11 +282,11 @@ def _wanted(effect: Effect) -> str:
     }[effect.attach]
 
 
-def _listed(usable: Sequence[Site], most: int = 12) -> str:
+def _listed(usable: Sequence[Site]) -> str:
     # A node and a cut through it go by the same name.
     names = list(dict.fromkeys(f"`{site.name}`" for site in usable))
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+    more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
+    return ", ".join(names[:_MOST_LISTED]) + more
 
 
 class Network:

@@ -11,10 +11,9 @@ from pathlib import Path
 from daest.errors import ModelError, Place
 from daest.files import why_no_file
 from daest.modelica import failures
+from daest.modelica.library import BYTE_ORDER_MARK
 from daest.modelica.outline import ClassHead, class_heads, place_of, tokens
 from daest.modelica.syntax import Span
-
-_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 
 def read_source(path: Path) -> bytes:
@@ -36,7 +35,7 @@ def read_source(path: Path) -> bytes:
             where=str(path),
             remedy="Check the permissions of the file.",
         ) from None
-    text = text.removeprefix(_BYTE_ORDER_MARK)
+    text = text.removeprefix(BYTE_ORDER_MARK)
     try:
         text.decode("utf-8")
     except UnicodeDecodeError as problem:

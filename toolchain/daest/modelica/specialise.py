@@ -16,10 +16,18 @@ _ARITHMETIC = {"+": lambda a, b: a + b, "-": lambda a, b: a - b, "*": lambda a, 
 Decide = Callable[[s.Node], bool | None]
 
 
-def specialised(node: s.Node, known: Mapping[str, s.Node], decide: Decide) -> s.Node:
+def specialised(node: Any, known: Mapping[str, s.Node], decide: Decide) -> Any:
     """`x[i - 1]` with i = 3 -> `x[2]`; `if i > 1 then a else b` -> `a`. Conditions on constants are
     decided."""
-    return _replaced(node, known, decide)
+    if isinstance(node, s.Name) and not node.subscripts and node.name in known:
+        return known[node.name]
+    if isinstance(node, s.Conditional):
+        return _decided(node, known, decide)
+    if isinstance(node, s.Comprehension):
+        inner = {name: value for name, value in known.items() if name not in dict(node.iterators)}
+        return s.rebuilt(node, lambda part: specialised(part, inner, lambda _: None))
+    made = s.rebuilt(node, lambda part: specialised(part, known, decide))
+    return _folded(made) if isinstance(made, s.Binary) else made
 
 
 def with_numbers(equation: s.FlatEquation) -> s.FlatEquation:
@@ -32,34 +40,18 @@ def with_numbers(equation: s.FlatEquation) -> s.FlatEquation:
     return replace(equation, left=left, right=right, bound=())
 
 
-def _replaced(node: Any, known: Mapping[str, s.Node], decide: Decide) -> Any:
-    if isinstance(node, s.Name) and not node.subscripts and node.name in known:
-        return known[node.name]
-    if isinstance(node, s.Conditional):
-        return _decided(node, known, decide)
-    if isinstance(node, s.Comprehension):
-        inner = {name: value for name, value in known.items() if name not in dict(node.iterators)}
-        return _rebuilt(node, inner, lambda _: None)
-    made = _rebuilt(node, known, decide)
-    return _folded(made) if isinstance(made, s.Binary) else made
-
-
-def _rebuilt(node: Any, known: Mapping[str, s.Node], decide: Decide) -> Any:
-    return s.rebuilt(node, lambda part: _replaced(part, known, decide))
-
-
 def _decided(node: s.Conditional, known: Mapping[str, s.Node], decide: Decide) -> s.Node:
     open_branches: list[tuple[s.Node, s.Node]] = []
     for condition, value in node.branches:
-        made = _replaced(condition, known, decide)
+        made = specialised(condition, known, decide)
         holds = made.value if isinstance(made, s.Constant) else decide(made)
         if holds is False:
             continue
         if holds is True:
-            otherwise = _replaced(value, known, decide)
+            otherwise = specialised(value, known, decide)
             return s.Conditional(tuple(open_branches), otherwise, node.span) if open_branches else otherwise
-        open_branches.append((made, _replaced(value, known, decide)))
-    otherwise = _replaced(node.otherwise, known, decide)
+        open_branches.append((made, specialised(value, known, decide)))
+    otherwise = specialised(node.otherwise, known, decide)
     return s.Conditional(tuple(open_branches), otherwise, node.span) if open_branches else otherwise
 
 

@@ -30,6 +30,11 @@ class ShapeError(ValueError):
     """Two arrays do not fit together; the text names their sizes."""
 
 
+def column(parts: Sequence[ca.SX]) -> ca.SX:
+    """The symbols or expressions one below the other, (n, 1); (0, 1) of none."""
+    return ca.vertcat(*parts) if parts else ca.SX(0, 1)
+
+
 def array(elements: Sequence[Value]) -> np.ndarray:
     """The array with `elements` along a new first dimension. Raises ShapeError when their sizes differ.
     Shapes: n elements (...) become (n, ...)."""

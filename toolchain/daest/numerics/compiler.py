@@ -7,6 +7,7 @@ them.
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import hashlib
 import importlib.util
@@ -20,11 +21,18 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 from daest.cache import cache_folder, forget_unused, is_whole, put_whole, was_used
 from daest.errors import FmuError
 from daest.files import passing_folder, removed_at_the_end, run_program
+
+if TYPE_CHECKING:
+    import numpy as np
+
+T = TypeVar("T")
 
 # Nobody waits longer for a compiler than this; zig builds its C library on the first cross-compilation.
 COMPILE_SECONDS = 600.0
@@ -236,6 +244,32 @@ def _built(
         put_whole(work / file_name, folder / file_name)
     forget_unused(cache_folder() / "compiled", MOST_KEPT)
     return folder / file_name
+
+
+def loaded(source: str, name: str, flags: tuple[str, ...] = ("-O2",)) -> ctypes.CDLL | None:
+    """The library of `build_shared`, loaded; None without a C compiler."""
+    return if_compiler(lambda: ctypes.CDLL(str(build_shared(source, name, flags))))
+
+
+def if_compiler(make: Callable[[], T]) -> T | None:
+    """What `make` returns; None where it finds no C compiler."""
+    try:
+        return make()
+    except FmuError as error:
+        if error.code != "no-c-compiler":
+            raise
+        return None
+
+
+def text_of(name: str, package: str = "daest.numerics") -> str:
+    """A C file of a room."""
+    return resources.files(package).joinpath(name).read_text(encoding="utf-8")
+
+
+def pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
+    """Address of a C-contiguous array for compiled code, null for None; the array lives as long as it. Any
+    shape."""
+    return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
 
 
 def effort(source: str, wanted: str) -> str:

@@ -7,13 +7,11 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 from itertools import accumulate
 
 import numpy as np
 
-from daest.errors import FmuError
-from daest.numerics.compiler import build_shared, processor_flags
+from daest.numerics.compiler import loaded, pointer, processor_flags, text_of
 from daest.numerics.recursions import linear_recursion
 
 # A compiled step with these numbers of states has loops of constant length: the common small models.
@@ -155,10 +153,10 @@ def _compiled(
     sizes = (n, n_y, matrices.noise_cov.shape[1], columns, n_samples)
     done: int = library.daest_kalman(
         *map(ctypes.c_long, sizes),
-        *map(_pointer, (*whole, *parts, *signals, known)),
+        *map(pointer, (*whole, *parts, *signals, known)),
         ctypes.c_double(stop.limit),
         ctypes.c_long(matrices.is_hessenberg),
-        *map(_pointer, (start, cov, *outputs)),
+        *map(pointer, (start, cov, *outputs)),
     )
     return done
 
@@ -238,7 +236,7 @@ def constant_gain(
     parts = [np.ascontiguousarray(part, dtype=float) for part in (closed, gain, output)]
     library.daest_constant(
         *map(ctypes.c_long, (n, n_y, n_samples)),
-        *map(_pointer, (*parts, *signals, after, predicted, innovations)),
+        *map(pointer, (*parts, *signals, after, predicted, innovations)),
     )
     return after
 
@@ -298,23 +296,14 @@ class _Settling:
 @functools.lru_cache(maxsize=8)
 def _library(n: int) -> ctypes.CDLL | None:
     """The compiled steps; None without a C compiler."""
-    source = resources.files("daest.numerics").joinpath("kalman.c").read_text(encoding="utf-8")
     # As fast as -O3, since loops over tiles are written out, and compiled in a third of its time.
     flags = (
         "-O2",
         *processor_flags(widest=n >= WIDEST_FROM),
         *((f"-DCONSTANT={n}",) if n in CONSTANT else ()),
     )
-    try:
-        library = ctypes.CDLL(str(build_shared(source, "kalman", flags)))
-    except FmuError as error:
-        if error.code != "no-c-compiler":
-            raise
-        return None
-    library.daest_kalman.restype = ctypes.c_long
-    library.daest_constant.restype = None
+    library = loaded(text_of("kalman.c"), "kalman", flags)
+    if library is not None:
+        library.daest_kalman.restype = ctypes.c_long
+        library.daest_constant.restype = None
     return library
-
-
-def _pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
-    return None if array is None else ctypes.c_void_p(array.ctypes.data)

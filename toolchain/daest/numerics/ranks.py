@@ -94,3 +94,11 @@ def range_and_null(
     _, values, vt = sla.svd(matrix, full_matrices=True, lapack_driver="gesvd")
     decision = decide_rank(what, values, max(matrix.shape), norm, tolerance, known)
     return vt[: decision.rank].T, vt[decision.rank :].T, decision
+
+
+def equilibrated(matrix: np.ndarray) -> np.ndarray:
+    """The matrix (m, n) with rows, then columns scaled to largest entry 1, so that units do not decide about
+    rank; rows and columns of zeros stay."""
+    tiny = np.finfo(float).tiny
+    scaled = matrix / np.maximum(np.abs(matrix).max(axis=1, keepdims=True), tiny)
+    return scaled / np.maximum(np.abs(scaled).max(axis=0, keepdims=True), tiny)

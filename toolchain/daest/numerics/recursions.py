@@ -11,12 +11,10 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from importlib import resources
 
 import numpy as np
 
-from daest.errors import FmuError
-from daest.numerics.compiler import build_shared, processor_flags
+from daest.numerics.compiler import loaded, pointer, processor_flags, text_of
 
 MOST_COMPILED = 16  # states; of more, blocked products are faster
 SHORT = 48  # up to this many samples the plain loop is as fast as blocks
@@ -68,7 +66,7 @@ def products_along(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     rows, matrices = (np.ascontiguousarray(part, dtype=float) for part in (rows, matrices))
     out = np.empty((k, m, p))
     sizes = (ctypes.c_long(size) for size in (k, m, n, p))
-    library.daest_products(*sizes, _at(rows), _at(matrices), ctypes.c_long(p * n), _at(out))
+    library.daest_products(*sizes, pointer(rows), pointer(matrices), ctypes.c_long(p * n), pointer(out))
     return out
 
 
@@ -82,25 +80,16 @@ def _compiled(A: np.ndarray, drive: np.ndarray, states: np.ndarray) -> bool:
     A, drive = (np.ascontiguousarray(part, dtype=float) for part in (A, drive))
     stride = ctypes.c_long(0 if A.ndim == 2 else n * n)
     sizes = (ctypes.c_long(size) for size in (n_rhs, n_steps, n))
-    library.daest_recursion(*sizes, _at(A), stride, _at(drive), _at(states))
+    library.daest_recursion(*sizes, pointer(A), stride, pointer(drive), pointer(states))
     return True
-
-
-def _at(array: np.ndarray) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.ctypes.data)
 
 
 @functools.lru_cache(maxsize=1)
 def _library() -> ctypes.CDLL | None:
     """The compiled steps; None without a C compiler."""
-    source = resources.files("daest.numerics").joinpath("recursions.c").read_text(encoding="utf-8")
-    try:
-        library = ctypes.CDLL(str(build_shared(source, "recursions", ("-O3", *processor_flags()))))
-    except FmuError as error:
-        if error.code != "no-c-compiler":
-            raise
-        return None
-    library.daest_recursion.restype = library.daest_products.restype = None
+    library = loaded(text_of("recursions.c"), "recursions", ("-O3", *processor_flags()))
+    if library is not None:
+        library.daest_recursion.restype = library.daest_products.restype = None
     return library
 
 

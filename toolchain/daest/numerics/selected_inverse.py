@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from importlib import resources
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from daest.errors import FmuError
-from daest.numerics.compiler import build_shared
+from daest.numerics.compiler import loaded, pointer, text_of
 
 MOST_ENTRIES = 100_000_000
 """Entries of both factors up to which they are made: some 2.4 GB."""
@@ -42,11 +40,11 @@ def inverse_diagonal(matrix: sp.csc_array, factors: Any, wanted: np.ndarray) -> 
     found = np.empty(wanted.size)
     state: int = library.daest_selected(
         ctypes.c_long(matrix.shape[0]),
-        *[_pointer(array) for array in arrays],
+        *[pointer(array) for array in arrays],
         ctypes.c_int64(MOST_ENTRIES),
         ctypes.c_long(wanted.size),
-        *[_pointer(array) for array in places],
-        _pointer(found),
+        *[pointer(array) for array in places],
+        pointer(found),
     )
     return None if state else found
 
@@ -54,16 +52,7 @@ def inverse_diagonal(matrix: sp.csc_array, factors: Any, wanted: np.ndarray) -> 
 @functools.lru_cache(maxsize=1)
 def _library() -> ctypes.CDLL | None:
     """The compiled functions; None without a C compiler."""
-    source = resources.files("daest.numerics").joinpath("selected.c").read_text(encoding="utf-8")
-    try:
-        library = ctypes.CDLL(str(build_shared(source, "selected", ("-O2",))))
-    except FmuError as error:
-        if error.code != "no-c-compiler":
-            raise
-        return None
-    library.daest_selected.restype = ctypes.c_int
+    library = loaded(text_of("selected.c"), "selected")
+    if library is not None:
+        library.daest_selected.restype = ctypes.c_int
     return library
-
-
-def _pointer(array: np.ndarray) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.ctypes.data)

@@ -16,13 +16,11 @@ DENSE_SHARE = 0.05
 """From this share of non-zero entries on, a matrix is eliminated as a dense one."""
 
 
-def independent_block(
-    matrix: sp.csr_array | sp.csc_array, tolerance: float | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def independent_block(matrix: sp.csr_array | sp.csc_array) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of a regular block of `matrix` that is as large as its rank.
 
-    Entries of `matrix` are of comparable size; what elimination leaves below `tolerance` (None: 256 n eps)
-    times the largest entry is zero. Sparse elimination, or QR with pivoting where there is little to save.
+    Entries of `matrix` are of comparable size; what elimination leaves below 256 n eps times the
+    largest entry is zero. Sparse elimination, or QR with pivoting where there is little to save.
     Shapes: matrix (n, m) of rank r; rows and columns (r,).
     """
     rows, columns = different_rows(sp.csr_array(matrix))[0], different_rows(sp.csr_array(matrix.T))[0]
@@ -30,7 +28,7 @@ def independent_block(
     if core.nnz == 0:
         return np.empty(0, dtype=int), np.empty(0, dtype=int)
     core = sp.csr_array(core / abs(core).max())
-    zero = default_tolerance(max(core.shape)) if tolerance is None else tolerance
+    zero = default_tolerance(max(core.shape))
     if core.nnz > DENSE_SHARE * core.shape[0] * core.shape[1]:
         picked, opposite = _dense_block(core.toarray(), zero)
     else:

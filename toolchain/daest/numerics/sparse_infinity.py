@@ -211,7 +211,7 @@ class SparseInfinity:
         lowest = 1 - sum(max(shift for _, terms in r for *_, shift in terms) for r in self.rounds)
         answer = self._solve({0: weights}, lowest, transposed=True)
         for replacements in reversed(self.rounds):
-            answer = _spread_out(answer, replacements, self.prime)
+            answer = _applied(answer, replacements, self.prime, transposed=True)
         result = np.zeros(self.n, dtype=int)
         for power in sorted(answer):
             if power >= 1:
@@ -222,7 +222,7 @@ class SparseInfinity:
         """Which entries (n,) of the coefficient of s^m times the column b are not zero."""
         right: Series = {0: {row: value for row, value in b if value}}
         for replacements in self.rounds:
-            right = _gathered(right, replacements, self.prime)
+            right = _applied(right, replacements, self.prime, transposed=False)
         found = self._solve(right, m, transposed=False).get(m, {})
         result = np.zeros(self.n, dtype=bool)
         result[[j for j, value in found.items() if value]] = True
@@ -271,33 +271,19 @@ def _take(
             known[target] = (known.get(target, 0) - value * factor) % prime
 
 
-def _gathered(right: Series, replacements: Iterable[Replacement], prime: int) -> Series:
-    """U · right of one round."""
-    result = {power: dict(entries) for power, entries in right.items()}
+def _applied(series: Series, replacements: Iterable[Replacement], prime: int, transposed: bool) -> Series:
+    """U · series of one round, or series' · U where `transposed`."""
+    result = {power: dict(entries) for power, entries in series.items()}
     for row, _ in replacements:
         for entries in result.values():
             entries.pop(row, None)
     for row, terms in replacements:
-        for source, weight, shift in terms:
-            for power, entries in right.items():
+        for other, weight, shift in terms:
+            source, target = (row, other) if transposed else (other, row)
+            for power, entries in series.items():
                 if source in entries:
-                    target = result.setdefault(power + shift, {})
-                    target[row] = (target.get(row, 0) + weight * entries[source]) % prime
-    return result
-
-
-def _spread_out(answer: Series, replacements: Iterable[Replacement], prime: int) -> Series:
-    """answer' · U of one round."""
-    result = {power: dict(entries) for power, entries in answer.items()}
-    for row, _ in replacements:
-        for entries in result.values():
-            entries.pop(row, None)
-    for row, terms in replacements:
-        for target, weight, shift in terms:
-            for power, entries in answer.items():
-                if row in entries:
                     place = result.setdefault(power + shift, {})
-                    place[target] = (place.get(target, 0) + weight * entries[row]) % prime
+                    place[target] = (place.get(target, 0) + weight * entries[source]) % prime
     return result
 
 

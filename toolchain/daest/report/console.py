@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
@@ -38,6 +39,17 @@ def rendered(parts: Iterable[RenderableType], width: int, color: bool) -> str:
         console.print(whole, crop=False)
     lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
     return "\n".join(line.rstrip() for line in lines) + "\n"
+
+
+def as_text(parts: Callable[..., Iterable[RenderableType]]) -> Callable[..., str]:
+    """What a command prints, `text(document, width=100, color=False)`: the `parts` of its document in lines
+    of at most `width` characters."""
+
+    @functools.wraps(parts)
+    def text(document: Mapping[str, Any], width: int = 100, color: bool = False, **options: Any) -> str:
+        return rendered(parts(document, **options), width, color)
+
+    return text
 
 
 @dataclass(frozen=True)

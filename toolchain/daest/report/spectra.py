@@ -14,13 +14,13 @@ LONGEST = 8192  # samples of such a part
 LEAST = 64  # samples below which no spectrum is drawn
 
 
-def autocorrelation(residuals: Sequence[np.ndarray], most: int = LAGS) -> tuple[np.ndarray, float]:
-    """Autocorrelation at lags 1 … `most` over all recordings, each (n,), and half the width of its 99 % band
+def autocorrelation(residuals: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
+    """Autocorrelation at lags 1 … `LAGS` over all recordings, each (n,), and half the width of its 99 % band
     if white."""
     known = [np.nan_to_num(r) for r in residuals]
     count = max(sum(int(np.isfinite(r).sum()) for r in residuals), 1)
     power = sum(float(r @ r) for r in known)
-    lags = range(1, max(min(most, count // 4), 1) + 1)
+    lags = range(1, max(min(LAGS, count // 4), 1) + 1)
     values = [sum(float(r[lag:] @ r[:-lag]) for r in known) / power if power else 0.0 for lag in lags]
     return np.array(values), BAND_99 / float(np.sqrt(count))
 

@@ -403,7 +403,7 @@ def sample_point(system: ExpandedSystem) -> SamplePoint:
     search does not arrive, the start values themselves are returned; the equations are then solved at
     initialisation."""
     start = np.zeros((len(system.z), system.z[0].numel()))
-    start[0] = [0.0 if v.start is None else v.start for v in system.aliases.variables]
+    start[0] = [v.start_or_zero for v in system.aliases.variables]
     point = SamplePoint(start, _other_values(system))
     unknowns = ca.vertcat(*system.z)
     jacobian = sparse_jacobian(system.residual, unknowns)
@@ -422,9 +422,9 @@ def sample_point(system: ExpandedSystem) -> SamplePoint:
 def _agreed(system: ExpandedSystem) -> np.ndarray:
     """Values (n,) of kept unknowns: given starts and what follows from them and the inputs, one by one."""
     flat, aliases = system.flat, system.aliases
-    own = np.array([0.0 if v.start is None else v.start for v in aliases.variables])
+    own = np.array([v.start_or_zero for v in aliases.variables])
     is_given = np.array([v.start is not None for v in aliases.variables], dtype=bool)
-    u = np.array([0.0 if v.start is None else v.start for v in flat.inputs])
+    u = np.array([v.start_or_zero for v in flat.inputs])
     xi = agreed_start(flat, aliases.sign * own[aliases.slot], u, 0.0, is_given[aliases.slot])
     values = xi[aliases.kept_unknowns]
     return np.where(is_given | ~np.isfinite(values), own, values)
@@ -441,7 +441,7 @@ def nudged(point: SamplePoint) -> SamplePoint:
 
 
 def _other_values(system: ExpandedSystem) -> np.ndarray:
-    inputs = [0.0 if v.start is None else v.start for v in system.flat.inputs]
+    inputs = [v.start_or_zero for v in system.flat.inputs]
     n_more = sum(symbols.numel() for symbols in (*system.u[1:], *system.w))
     return np.concatenate([inputs, np.zeros(n_more), system.flat.theta_values, [0.0]])
 

@@ -23,9 +23,10 @@ import casadi as ca
 import numpy as np
 
 from daest.model.flat import ExplicitModel
+from daest.numerics.compiler import pointer
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import EventUpdate, Forced, HybridError, Mode, Slopes, settled_start
-from daest.systems.integration import FAILURES, IntegrationError, pointer
+from daest.systems.integration import FAILURES, IntegrationError
 
 SAME_INSTANT = 1e-12  # events nearer to each other than this, relative to the time or the record's, are one
 ROOT_NOISE = 1e-13  # as in radau.c: how far beyond zero a function has left its side, in its own unit

@@ -99,7 +99,7 @@ def start_arguments(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
     """Values of (u, v, w, theta, t) with the defaults put in."""
     flat = explicit.flat
-    u = np.array([0.0 if p.start is None else p.start for p in flat.inputs]) if u0 is None else np.asarray(u0)
+    u = np.array([p.start_or_zero for p in flat.inputs]) if u0 is None else np.asarray(u0)
     v = np.zeros(len(explicit.input_derivatives)) if v0 is None else np.asarray(v0)
     return u, v, np.zeros(len(flat.noises)), flat.theta_values if theta is None else np.asarray(theta), t0
 
@@ -113,7 +113,7 @@ def _conditions(explicit: ExplicitModel, given: dict[str, float], arguments: tup
     targets = {names.index(name): value for name, value in given.items()}
     for i, variable in enumerate(flat.unknowns):
         if variable.fixed and i not in targets:
-            targets[i] = 0.0 if variable.start is None else variable.start
+            targets[i] = variable.start_or_zero
     if not targets and not flat.initial_equations and explicit.invariants is None:
         return Conditions(None, tuple(explicit.state_names), (), ())
     x = ca.MX.sym("x", explicit.n_states)
@@ -181,7 +181,7 @@ def _conditioned(explicit: ExplicitModel, start: np.ndarray, arguments: tuple) -
     level."""
     flat = explicit.flat
     u, _, _, theta, t = arguments
-    declared = np.array([0.0 if v.start is None else v.start for v in flat.unknowns])
+    declared = np.array([v.start_or_zero for v in flat.unknowns])
     point, is_known = conditioned_start(flat, declared, u, theta, t)
     number = {v.name: i for i, v in enumerate(flat.unknowns)}
     found = start.copy()

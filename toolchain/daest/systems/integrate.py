@@ -15,17 +15,25 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, singledispatch
-from importlib import resources
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from daest.errors import FmuError, ModelError
+from daest.errors import ModelError
 from daest.model.flat import Dynamics, ExplicitModel, events_refused
 from daest.model.holds import SMOOTH, Hold, held_inputs, interval_ends, spline_slopes
 from daest.model.linear import StateSpaceFamily
-from daest.numerics.compiler import MOST_LINES, build_object, build_shared, effort, processor_flags
+from daest.numerics.compiler import (
+    MOST_LINES,
+    build_object,
+    build_shared,
+    effort,
+    if_compiler,
+    pointer,
+    processor_flags,
+    text_of,
+)
 from daest.numerics.exponential import CUBIC, STRAIGHT
 from daest.numerics.projection import pull
 from daest.numerics.watched import watched
@@ -34,7 +42,7 @@ from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import HybridError
 from daest.systems.hybrid import Inputs, follow
 from daest.systems.input_slopes import acting_slopes, no_input_derivative
-from daest.systems.integration import FAILURES, IntegrationError, pointer
+from daest.systems.integration import FAILURES, IntegrationError
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.sensor_laws import relative_slopes, sensor_laws
 from daest.systems.state_space import state_space_family
@@ -247,13 +255,9 @@ def _stepping(
     if compiled:
         near = explicit.near
         driven = (rhs, sens, out) if near is None else _near_functions(explicit, near, tuple(names))
-        try:
-            library = _compile(
-                _rates_alone(explicit, near), *driven, hold, root, bend, "-O1" if runs_once else "-O2"
-            )
-        except FmuError as error:
-            if error.code != "no-c-compiler":
-                raise
+        level = "-O1" if runs_once else "-O2"
+        rates = _rates_alone(explicit, near)
+        library = if_compiler(lambda: _compile(rates, *driven, hold, root, bend, level))
     made = EquationIntegrator(explicit, tuple(names), rhs, sens, out, library, hold, events, bend)
     if library is not None and not runs_once:
         _compiled[_functions_of(explicit)] = made  # which keeps the functions: no others take their numbers
@@ -475,8 +479,7 @@ def _driver(constants: Mapping[str, int]) -> str:
     lines += ["#define casadi_int long long int", "extern const casadi_int daest_work[4], daest_n_chosen;"]
     lines += [f"int daest_{name}{arguments};" for name in _FUNCTIONS]
     names = ("project.c", "radau.c") if constants["NG"] else ("radau.c",)
-    texts = [resources.files("daest.numerics").joinpath(name).read_text(encoding="utf-8") for name in names]
-    return "\n".join((*lines, *texts))
+    return "\n".join((*lines, *map(text_of, names)))
 
 
 @functools.lru_cache(maxsize=64)

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-
-import numpy as np
-
 from daest.errors import NumericalError
 
 FAILURES = {
@@ -33,8 +29,3 @@ class IntegrationError(NumericalError):
 
     def __reduce__(self) -> tuple:
         return type(self), (self.reason, self.time)
-
-
-def pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
-    """The data of an array as C sees them; null for None. Any shape."""
-    return None if array is None else array.ctypes.data_as(ctypes.c_void_p)

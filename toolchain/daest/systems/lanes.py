@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from importlib import resources
 from typing import Any
 
 import casadi as ca
 
-from daest.numerics.compiler import build_shared, effort, processor_flags
+from daest.numerics.compiler import effort, loaded, processor_flags, text_of
 from daest.systems.lane_code import lane_function
 from daest.systems.local_linear import LocalModel, slope_pattern
 
@@ -55,11 +54,6 @@ def _source(model: LocalModel) -> str:
     return "".join([*texts, text_of("substep.c"), text_of("particles.c")])
 
 
-def text_of(name: str) -> str:
-    """A C file of `daest.numerics`."""
-    return resources.files("daest.numerics").joinpath(name).read_text(encoding="utf-8")
-
-
 def _without_spread(flow: ca.Function) -> ca.Function:
     """The flow at a point: its last argument, the covariance, is zero."""
     kind: Any = ca.SX if flow.is_a("SXFunction") else ca.MX
@@ -76,7 +70,7 @@ def _of_outputs(name: str, see: ca.Function) -> ca.Function:
 
 
 @functools.lru_cache(maxsize=64)
-def _load(source: str) -> ctypes.CDLL:
+def _load(source: str) -> ctypes.CDLL | None:
     # A square root that need not tell errors is one instruction for all lanes.
     flags = (effort(source, "-O3"), "-fno-math-errno", *processor_flags(widest=True))
-    return ctypes.CDLL(str(build_shared(source, "particles", flags=flags)))
+    return loaded(source, "particles", flags)

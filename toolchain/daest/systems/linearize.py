@@ -251,8 +251,8 @@ def operating_point(flat: FlatModel, at: Mapping[str, float] | None = None) -> O
     """
     is_given, at = at is not None, dict(at or {})
     held = np.array([v.name in at for v in flat.unknowns], dtype=bool)
-    xi = [at.pop(v.name, v.start or 0.0) for v in flat.unknowns]
-    u = [at.pop(v.name, v.start or 0.0) for v in flat.inputs]
+    xi = [at.pop(v.name, v.start_or_zero) for v in flat.unknowns]
+    u = [at.pop(v.name, v.start_or_zero) for v in flat.inputs]
     derivatives = [at.pop(f"der({v.name})", 0.0) for v in flat.unknowns]
     time = at.pop("time", 0.0)
     if at:
@@ -372,7 +372,7 @@ def _where_it_begins(flat: FlatModel, values: np.ndarray) -> dict[str, float] | 
     begun = flat.with_theta(dict(zip((p.name for p in flat.parameters), values.tolist(), strict=True)))
     try:
         explicit = reduce_index(begun)
-        u = np.array([v.start or 0.0 for v in flat.inputs])
+        u = np.array([v.start_or_zero for v in flat.inputs])
         u = np.concatenate([u, np.zeros(explicit.rhs.numel_in(1) - u.size)])
         v, w = (np.zeros(explicit.rhs.numel_in(i)) for i in (2, 3))
         x0, xi = initial_point(explicit, values, u, v, 0.0)

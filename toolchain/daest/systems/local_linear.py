@@ -12,16 +12,15 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
-from importlib import resources
 from itertools import pairwise
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from daest.errors import EstimationError, FmuError, ModelError
+from daest.errors import EstimationError, ModelError
 from daest.model.flat import Dynamics, ExplicitModel, events_refused
-from daest.numerics.compiler import build_shared, effort, processor_flags
+from daest.numerics.compiler import effort, loaded, processor_flags, text_of
 from daest.systems.gaussian_average import averaged
 from daest.systems.integrate import EquationIntegrator, integrator
 
@@ -121,7 +120,10 @@ def _of_equations(
         engine = integrator(explicit)
         assert isinstance(engine, EquationIntegrator)
         return replace(model, engine=engine)
-    return replace(model, library=_library(model)) if compiled else model
+    if not compiled:
+        return model
+    # Derivatives make the code long: a compiler takes twice as long at -O3, for every candidate anew.
+    return replace(model, library=_load(_source(model), "-O3" if model.dflow is None else "-O2"))
 
 
 def internal_names(explicit: Dynamics) -> tuple[str, ...]:
@@ -262,16 +264,6 @@ def _matrix(value: Any, by: Any) -> Any:
     return ca.vec(ca.densify(ca.jacobian(value, by).T))
 
 
-def _library(model: LocalModel) -> ctypes.CDLL | None:
-    try:
-        # Derivatives make the code long: a compiler takes twice as long at -O3, for every candidate anew.
-        return _load(_source(model), "-O3" if model.dflow is None else "-O2")
-    except FmuError as error:
-        if error.code != "no-c-compiler":
-            raise
-        return None
-
-
 def _source(model: LocalModel) -> str:
     generator = ca.CodeGenerator("model.c")
     every = (model.flow, model.see, model.dflow, model.dsee, model.hold, model.dhold, model.inside)
@@ -293,10 +285,7 @@ def _source(model: LocalModel) -> str:
     header += "".join(f"#define {name}\n" for name, function in flags if function is not None)
     header += f"#define EVERY_LEVEL\n#define SLOPES {slope_pattern(model)}\n"
     texts = ["project.c"] if model.hold is not None else []
-    drivers = [
-        resources.files("daest.numerics").joinpath(name).read_text(encoding="utf-8")
-        for name in ("substep.c", *texts, "local_filter.c", "local_linear.c")
-    ]
+    drivers = map(text_of, ("substep.c", *texts, "local_filter.c", "local_linear.c"))
     return generator.dump() + header + "".join(drivers)
 
 
@@ -307,12 +296,5 @@ def slope_pattern(model: LocalModel) -> str:
 
 
 @functools.lru_cache(maxsize=64)
-def _load(source: str, wanted: str) -> ctypes.CDLL:
-    return ctypes.CDLL(
-        str(build_shared(source, "local_linear", flags=(effort(source, wanted), *processor_flags())))
-    )
-
-
-def pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
-    """Address of a C-contiguous array of doubles (or 64-bit integers) for the compiled code. Any shape."""
-    return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
+def _load(source: str, wanted: str) -> ctypes.CDLL | None:
+    return loaded(source, "local_linear", (effort(source, wanted), *processor_flags()))

@@ -24,6 +24,7 @@ from scipy.sparse.csgraph import connected_components
 from daest.errors import ModelError
 from daest.model.flat import FlatModel
 from daest.numerics.matching import Tearing, block_triangular, maximum_matching, tear
+from daest.numerics.ranks import equilibrated
 from daest.systems.expand import ExpandedSystem, SamplePoint, expand, find_aliases, sparse_jacobian
 from daest.systems.state_choice import DependentEquations, LeadingJacobian, dependent_rows, leading_jacobian
 from daest.systems.symbolic_elimination import eliminate
@@ -230,9 +231,7 @@ def _growth(values: np.ndarray, tearing: Tearing) -> float:
     if not tearing.causal:
         return 1.0
     rows, columns = (list(part) for part in zip(*tearing.causal, strict=True))
-    size = np.maximum(np.abs(values).max(axis=1), np.finfo(float).tiny)
-    scaled = values / size[:, None]
-    scaled = scaled / np.maximum(np.abs(scaled).max(axis=0), np.finfo(float).tiny)
+    scaled = equilibrated(values)
     right = np.hstack([scaled[np.ix_(rows, list(tearing.tears))], np.eye(len(rows))])
     response = solve_triangular(scaled[np.ix_(rows, columns)], right, lower=True)
     return float(np.abs(response).max(initial=0.0))
@@ -374,7 +373,7 @@ def _generic_point(system: ExpandedSystem, seed: int) -> SamplePoint:
         )
 
     start = np.zeros((len(system.z), system.sigma.n))
-    start[0] = [0.0 if v.start is None else v.start for v in system.aliases.variables]
+    start[0] = [v.start_or_zero for v in system.aliases.variables]
     others = np.zeros(system.others.numel())
     n_theta = len(system.flat.parameters)
     others[others.size - 1 - n_theta : others.size - 1] = system.flat.theta_values

@@ -65,41 +65,34 @@ def frozen(flat: FlatModel, values: np.ndarray | None = None) -> FlatModel:
     memory = [i for i, p in enumerate(flat.parameters) if p.is_memory]
     steady = [i for i, p in enumerate(flat.parameters) if not p.is_memory]
     symbols = ca.vertcat(ca.SX(0, 1), *[flat.theta[i] for i in memory])
-    parts = [flat.residual, flat.output_expressions, flat.initial_residual]
-    residual, outputs, initial = ca.substitute(parts, [symbols], [ca.SX(ca.DM(values[memory]))])
     return replace(
         flat,
         parameters=tuple(replace(flat.parameters[i], value=float(values[i])) for i in steady),
         theta=ca.vertcat(ca.SX(0, 1), *[flat.theta[i] for i in steady]),
-        residual=residual,
-        output_expressions=outputs,
-        initial_residual=initial,
         events=None,
+        **_with(flat, symbols, ca.SX(ca.DM(values[memory]))),
     )
+
+
+def _with(flat: FlatModel, symbols: ca.SX, values: ca.SX) -> dict[str, Any]:
+    """The expressions of the model, by field, with values in place of symbols."""
+    names = ("residual", "output_expressions", "initial_residual")
+    made = ca.substitute([getattr(flat, name) for name in names], [symbols], [values])
+    return dict(zip(names, made, strict=True))
 
 
 def without_noise(flat: FlatModel) -> FlatModel:
     """The model with every white noise at zero."""
     if not flat.noises:
         return flat
-    parts = [flat.residual, flat.output_expressions, flat.initial_residual]
     none = ca.SX.zeros(flat.w.numel())
-    residual, outputs, initial = ca.substitute(parts, [flat.w], [none])
     events = flat.events
     if events is not None:
         names = [f.name for f in fields(events) if isinstance(getattr(events, f.name), ca.SX)]
         quiet = ca.substitute([getattr(events, name) for name in names], [flat.w], [none])
         changed: dict[str, Any] = dict(zip(names, quiet, strict=True))
         events = replace(events, **changed)
-    return replace(
-        flat,
-        noises=(),
-        w=ca.SX(0, 1),
-        residual=residual,
-        output_expressions=outputs,
-        initial_residual=initial,
-        events=events,
-    )
+    return replace(flat, noises=(), w=ca.SX(0, 1), events=events, **_with(flat, flat.w, none))
 
 
 def mode_slots(flat: FlatModel) -> list[int]:
@@ -176,4 +169,4 @@ def _beginning(flat: FlatModel, recording: Any) -> tuple[float, np.ndarray]:
     if isinstance(recording, tuple):
         time, u = (np.asarray(part, dtype=float) for part in recording)
         return float(time[0]), u.reshape(time.size, -1)[0]
-    return 0.0, np.array([0.0 if v.start is None else v.start for v in flat.inputs])
+    return 0.0, np.array([v.start_or_zero for v in flat.inputs])

@@ -155,7 +155,7 @@ def _simulate(
         if explicit.flat.events is not None:
             if np.any(intensity > 0):
                 raise events_refused("a simulation with noise")
-            return _with_events(task, rtol)
+            return _told(task, _followed(task, rtol), rtol)
         if np.any(intensity > 0):
             states, w, method = (_affine_noisy if is_affine else _nonlinear_noisy)(task, intensity, rng)
         elif is_affine:
@@ -386,21 +386,17 @@ def _nonlinear(task: _Task, rtol: float, tell: Callable[[str], object]) -> tuple
 
 
 def simulate_modes(
-    flat: FlatModel, recording: Recording, *, hold: Hold = "foh", rtol: float = SOLVER.simulation_rtol
+    flat: FlatModel, recording: Recording, *, hold: Hold = "foh"
 ) -> tuple[ExplicitModel, Simulation, np.ndarray]:
     """The reduced form of a model with events, its simulation, and at every sample all parameters with what
     keeps its value between events (n_samples, n_theta): the mode. Raises what `simulate` raises."""
     explicit = dynamics(in_starting_mode(flat, recording))
     assert isinstance(explicit, ExplicitModel)
     task = _prepare(explicit, recording, None, hold, None)
+    rtol = SOLVER.simulation_rtol
     with threadpool_limits(1):
         run = _followed(task, rtol)
     return explicit, _told(task, run, rtol), run.theta
-
-
-def _with_events(task: _Task, rtol: float) -> Simulation:
-    """The simulation of a model with events."""
-    return _told(task, _followed(task, rtol), rtol)
 
 
 def _followed(task: _Task, rtol: float) -> HybridRun:

@@ -17,6 +17,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from daest.errors import ModelError
+from daest.numerics.ranks import equilibrated
 from daest.systems.expand import (
     SELECT_RANK,
     ExpandedSystem,
@@ -294,11 +295,4 @@ def _dependent_rows(block: np.ndarray) -> np.ndarray:
 def dependent_rows(block: np.ndarray) -> np.ndarray:
     """The rows that make a square block singular (empty where it is regular), units scaled out. Shapes: block
     (n, n); rows (k,)."""
-    return _dependent_rows(_equilibrate(block))
-
-
-def _equilibrate(block: np.ndarray) -> np.ndarray:
-    """Rows, then columns scaled to largest entry 1, so that units do not decide about rank."""
-    tiny = np.finfo(float).tiny
-    scaled = block / np.maximum(np.abs(block).max(axis=1, keepdims=True), tiny)
-    return scaled / np.maximum(np.abs(scaled).max(axis=0, keepdims=True), tiny)
+    return _dependent_rows(equilibrated(block))

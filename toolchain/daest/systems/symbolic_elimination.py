@@ -7,6 +7,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from daest.numerics.ranks import equilibrated
+
 PIVOT_SHARE = 0.1  # a pivot is at least this share of the largest entry of its row (rows and columns scaled)
 
 
@@ -18,7 +20,7 @@ def eliminate(matrix: ca.SX, right: ca.SX, values: np.ndarray) -> ca.SX:
     n = right.numel()
     symbols: list[dict[int, Any]] = [{} for _ in range(n)]
     numbers: list[dict[int, float]] = [{} for _ in range(n)]
-    scaled = _equilibrated(values)
+    scaled = equilibrated(values)
     for i, j, entry in zip(*matrix.sparsity().get_triplet(), matrix.nonzeros(), strict=True):
         symbols[i][j], numbers[i][j] = entry, float(scaled[i, j])
     rights = list(ca.vertsplit(right))
@@ -31,12 +33,6 @@ def eliminate(matrix: ca.SX, right: ca.SX, values: np.ndarray) -> ca.SX:
             if column in numbers[other]:
                 _subtract(symbols, numbers, rights, row, other, column)
     return _back_substitution(symbols, rights, order)
-
-
-def _equilibrated(values: np.ndarray) -> np.ndarray:
-    tiny = np.finfo(float).tiny
-    scaled = values / np.maximum(np.abs(values).max(axis=1, keepdims=True), tiny)
-    return scaled / np.maximum(np.abs(scaled).max(axis=0, keepdims=True), tiny)
 
 
 def _pivot(numbers: list[dict[int, float]], open_rows: set[int]) -> tuple[int, int]:

@@ -330,13 +330,11 @@ def _without_refit(one: Unproved) -> CandidateEntry:
 def improvement_document(
     improvement: Improvement,
     files: Mapping[int, str] | None = None,
-    models: Mapping[str, Written] | None = None,
     load: Written | None = None,
 ) -> Ledger:
-    """`files`: name of the written model by step; `models` and `load` as in `document`, for the last
-    round."""
+    """`files`: name of the written model by step; `load` as in `document`, for the last round."""
     steps = [_step(step, (files or {}).get(i)) for i, step in enumerate(improvement.steps)]
-    return entry(Ledger, improvement, steps=steps, final=document(improvement.last, models, load))
+    return entry(Ledger, improvement, steps=steps, final=document(improvement.last, load=load))
 
 
 def _step(step: Step, model: str | None) -> StepEntry:

@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from daest.quantities import spoken_duration
-from daest.report.console import heading, indented, number, percent, rendered, table
+from daest.report.console import as_text, heading, indented, number, percent, table
 
 _TESTS = {
     "whiteness": "white",
@@ -19,12 +19,8 @@ _TESTS = {
 }
 
 
-def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
-    """What the command prints: its document as text in lines of at most `width` characters."""
-    return rendered(_parts(document), width, color)
-
-
-def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+@as_text
+def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     models = document["models"]
     yield Text(f"On {', '.join(document['data'])}")
     rows = (_row(model, output, unit) for output, unit in document["outputs"].items() for model in models)

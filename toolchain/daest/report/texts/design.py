@@ -8,17 +8,13 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from daest.report.console import bracketed, heading, indented, listed, number, rendered, table
+from daest.report.console import as_text, bracketed, heading, indented, listed, number, table
 
 MOST_ALIASES = 2  # of a sensor that are named
 
 
-def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
-    """What the command prints: its document as text in lines of at most `width` characters."""
-    return rendered(_parts(document), width, color)
-
-
-def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+@as_text
+def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     played = document["input"]
     yield Text(document["message"])
     where = f"in {played['file']}" if played["file"] else "not written; -o input.csv writes it"

@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from daest.report.console import heading, indented, number, probability, rendered, table
+from daest.report.console import as_text, heading, indented, number, probability, table
 
 LEAST_GAIN = 1.0  # of log-likelihood: a load that buys less is not listed
 BAND = 1.96  # standard deviations to either side of a 95 % band
@@ -17,12 +17,8 @@ WITH_CURVE = ("unknown effect",)  # verdicts that rest on the curve of the load
 MOST_GROUP = 3  # places of a group that are named
 
 
-def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
-    """What the command prints: its document as text in lines of at most `width` characters."""
-    return rendered(parts(document), width, color)
-
-
-def parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+@as_text
+def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield Text(f"{document['verdict'].capitalize()}.", style="bold")
     yield indented(document["message"])
     yield from restriction(document["searched"])

@@ -8,20 +8,17 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from daest.report.console import bracketed, heading, indented, listed, number, rendered, table
+from daest.report.console import as_text, bracketed, heading, indented, listed, number, table
 
 _SHOWN_ALONE = 3  # effects that are shown in full; more become a table
 
 
-def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
-    """What the command prints: its document as text in lines of at most `width` characters."""
-    effects = document["effects"]
-    if len(effects) <= _SHOWN_ALONE:
-        return rendered((part for effect in effects for part in _one(effect)), width, color)
-    return rendered(_all(document), width, color)
-
-
-def _all(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+@as_text
+def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+    if len(document["effects"]) <= _SHOWN_ALONE:
+        for effect in document["effects"]:
+            yield from _one(effect)
+        return
     for domain in dict.fromkeys(effect["domain"] for effect in document["effects"]):
         yield heading(domain)
         chosen = [effect for effect in document["effects"] if effect["domain"] == domain]

@@ -8,15 +8,11 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from daest.report.console import indented, listed, rendered
+from daest.report.console import as_text, indented, listed
 
 
-def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
-    """What the command prints: its document as text in lines of at most `width` characters."""
-    return rendered(_parts(document), width, color)
-
-
-def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+@as_text
+def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     if "estimates" in document:
         yield from _estimator(document)
         return

@@ -9,15 +9,11 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from daest.estimation.filters import FILTERS
-from daest.report.console import heading, indented, number, percent, rendered, table
+from daest.report.console import as_text, heading, indented, number, percent, table
 
 
-def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
-    """What the command prints: its document as text in lines of at most `width` characters."""
-    return rendered(_parts(document), width, color)
-
-
-def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+@as_text
+def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     nis = document["nis"]
     yield Text(f"{document['kind']} filter, log-likelihood {number(document['log_likelihood'], 8)}")
     yield indented(

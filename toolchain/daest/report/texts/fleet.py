@@ -9,17 +9,13 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from daest.report.console import heading, indented, listed, number, percent, rendered, table
+from daest.report.console import as_text, heading, indented, listed, number, percent, table
 
 MOST_ROWS = 40  # machines in the table; the others are in the file of -o
 
 
-def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
-    """What the command prints: its document as text in lines of at most `width` characters."""
-    return rendered(_parts(document), width, color)
-
-
-def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+@as_text
+def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     machines = document["machines"]
     found = Counter(m["verdict"] or "no verdict" for m in machines if m["status"] != "failed")
     counted = ", ".join(f"{count} {verdict}" for verdict, count in found.most_common())

@@ -9,17 +9,13 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from daest.report.console import heading, indented, number, percent, rendered, table
+from daest.report.console import as_text, heading, indented, number, percent, table
 
 STRONG_CORRELATION = 0.95  # from here on a pair is listed
 
 
-def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
-    """What the command prints: its document as text in lines of at most `width` characters."""
-    return rendered(_parts(document), width, color)
-
-
-def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+@as_text
+def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield Text(document["message"])
     period = document.get("period")
     yield indented(

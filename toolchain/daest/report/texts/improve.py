@@ -8,16 +8,12 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from daest.report.console import heading, indented, number, rendered, table
+from daest.report.console import as_text, heading, indented, number, table
 from daest.report.texts import diagnose
 
 
-def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
-    """What the command prints: its document as text in lines of at most `width` characters."""
-    return rendered(_parts(document), width, color)
-
-
-def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+@as_text
+def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield Text(f"{_summary(document)}.", style="bold")
     yield indented(f"Stopped: {document['reason']}")
     yield from diagnose.restriction(document["searched"])

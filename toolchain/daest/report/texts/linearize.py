@@ -8,17 +8,12 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from daest.report.console import heading, indented, listed, number, rendered, table
+from daest.report.console import as_text, heading, indented, listed, number, table
 
 
-def text(
-    document: Mapping[str, Any], width: int = 100, color: bool = False, *, symbolic: bool = False
-) -> str:
+@as_text
+def text(document: Mapping[str, Any], symbolic: bool = False) -> Iterator[RenderableType]:
     """With `symbolic` the entries that depend on parameters, as expressions."""
-    return rendered(_parts(document, symbolic), width, color)
-
-
-def _parts(document: Mapping[str, Any], symbolic: bool) -> Iterator[RenderableType]:
     yield Text(
         f"{document['n_equations']} equations, {document['n_dynamic']} dynamic, index {document['index']} "
         f"(source: {document['source']})"

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from daest.report.console import heading, indented, listed, number, rendered, table
+from daest.report.console import as_text, heading, indented, listed, number, table
 
 FEW = 8  # equations up to which each that may carry noise is shown with its text
 MOST_NAMES = 24  # places that are named; the rest is counted
@@ -20,12 +20,8 @@ HOW = (
 )
 
 
-def text(document: Mapping[str, Any], width: int = 100, color: bool = False) -> str:
-    """What the command prints: its document as text in lines of at most `width` characters."""
-    return rendered(_parts(document), width, color)
-
-
-def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
+@as_text
+def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     """The answers first: verdicts on what was declared and asked for, and where noise may be put; then the
     equations that may not carry any, and what all this rests on."""
     yield Text(
