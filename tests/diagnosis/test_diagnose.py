@@ -222,6 +222,14 @@ def test_too_short_a_record_is_refused():
     assert caught.value.code == "diagnose-too-short" and "400 samples" in caught.value.remedy
 
 
+def test_outputs_that_never_change_are_refused():
+    record, _ = rotor_record(600, seed=1)
+    still = replace(record, outputs=np.full_like(record.outputs, 0.3))
+    with pytest.raises(EstimationError) as caught:
+        diagnosed(still)
+    assert caught.value.code == "diagnose-unseen" and "never change" in caught.value.what
+
+
 def test_unknown_effect_name_leaves_no_candidate():
     with pytest.raises(EstimationError) as caught:
         diagnosed(rotor_record(600, seed=1)[0], "NoSuchEffect")

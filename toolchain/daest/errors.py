@@ -466,9 +466,9 @@ EXPLANATIONS: dict[str, str] = {
         "the recording is kept for validation."
     ),
     "diagnose-unseen": (
-        "At the places that were asked for nothing could be found: either the measured outputs do not change "
-        "at all, or the parameters that are estimated do the same. Measure a motion, force or current nearer "
-        "to the place, or fix parameters that are known."
+        "Nothing could be found: either the measured outputs do not change at all, or at the places that "
+        "were asked for the parameters that are estimated do the same. Choose a recording in which the machine "
+        "moves, measure a motion, force or current nearer to the place, or fix parameters that are known."
     ),
     "effect-ambiguous": (
         "Several domains have an effect of that name, and the place does not tell which is meant. Write "

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
+import numpy as np
 from scipy.linalg import LinAlgWarning
 
 from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
@@ -273,4 +274,19 @@ def _divided(
             remedy=f"record at least {2 * GATES.min_samples} samples (half are kept for validation) that "
             "move the machine through its whole range, in both directions and through rest",
         )
+    if not any(np.any(_moving(e)) for e in experiments):
+        names = ", ".join(f"`{name}`" for name in experiments[0].output_names)
+        raise EstimationError(
+            "diagnose-unseen",
+            f"the measured outputs never change in the recordings for estimation: {names}",
+            remedy="choose recordings, or a part of them (--from, --to), in which the machine moves; "
+            "daest check tells what is wrong with them",
+        )
     return experiments, validation
+
+
+def _moving(experiment: Experiment) -> np.ndarray:
+    """Which outputs (n_y,) have more than one value."""
+    known = np.isfinite(experiment.outputs)
+    first = np.where(known, experiment.outputs, np.inf).min(axis=0)
+    return np.any(known & (experiment.outputs != first), axis=0)
