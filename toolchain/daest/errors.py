@@ -468,7 +468,8 @@ EXPLANATIONS: dict[str, str] = {
     "diagnose-unseen": (
         "Nothing could be found: either the measured outputs do not change at all, or at the places that "
         "were asked for the parameters that are estimated do the same. Choose a recording in which the "
-        "machine moves, measure a motion, force or current nearer to the place, or fix parameters that are known."
+        "machine moves, measure a motion, force or current nearer to the place, or fix parameters that are "
+        "known."
     ),
     "effect-ambiguous": (
         "Several domains have an effect of that name, and the place does not tell which is meant. Write "
