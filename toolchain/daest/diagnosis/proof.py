@@ -42,17 +42,21 @@ from daest.diagnosis.unseen import (
     misfit,
     steady_misfit,
 )
+from daest.errors import DaestError
 from daest.estimation.identify_nonlinear import Refit
-from daest.estimation.records import n_observed
+from daest.estimation.records import n_observed, part_of
 from daest.model.diagnosis import Ahead, Candidate, Confirmed, FreeForm, InUse, Load, Proof
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
 from daest.model.flat import ExplicitModel, FlatModel, with_equations
 from daest.modelica.balances import needs_position
 from daest.numerics.statistics import chi2
+from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
 
 LONGER = 2  # searches that go on where one has come to its limit
+LONG = 10_000  # samples, from which a search of a model that bends begins with a part, ...
+SHORTER = 4  # ... a fourth of every recording
 CALM = 1e-6  # of the null's intensities of the loads, from which a search starts that needs none of them
 
 
@@ -377,7 +381,9 @@ def _refit(
     start = null if prepared.similar is None else replace(null, fit=prepared.similar)
     if prepared.simulation is not None:
         start = replace(null, fit=_calm(null.fit, prepared.simulation))
-    found = refitted(prepared.flat, explicit, prepared.names, start, hopeless=hopeless)
+    begun, start = _begun_on_a_part(prepared, explicit, start)
+    explicit = explicit if begun is prepared.flat else replace(explicit, flat=begun)
+    found = refitted(begun, explicit, prepared.names, start, hopeless=hopeless)
     for _ in range(LONGER):
         fit = found.fit
         if fit.status != "iteration limit" or fit.log_likelihood < max(hopeless, least):
@@ -388,6 +394,20 @@ def _refit(
             break
         found = longer
     return found
+
+
+def _begun_on_a_part(prepared: Prepared, explicit: ExplicitModel, start: Null) -> tuple[FlatModel, Null]:
+    """The model and the null from which the refit of a model that bends starts: of long recordings those of a
+    search over their first parts, since most of the way does not need them whole."""
+    n_samples = sum(e.n_samples for e in start.experiments)
+    if n_samples < LONG or has_affine_dynamics(explicit):
+        return prepared.flat, start
+    parts = tuple(part_of(e, 0, -(-e.n_samples // SHORTER)) for e in start.experiments)
+    try:
+        fit = refitted(prepared.flat, explicit, prepared.names, replace(start, experiments=parts)).fit
+    except DaestError:
+        return prepared.flat, start
+    return prepared.flat.with_theta(fit.theta), replace(start, fit=fit)
 
 
 def _calm(null_fit: FitResult, simulation: FitResult) -> FitResult:
