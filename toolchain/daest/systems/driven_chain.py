@@ -25,7 +25,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from daest.model.flat import ExplicitModel
-from daest.numerics.exponential import STRAIGHT, TransitionIntegrals, transition_integrals
+from daest.numerics.exponential import STRAIGHT, transition_integrals
 from daest.numerics.recursions import linear_recursion
 from daest.systems.sensor_laws import relative_slopes, sensor_laws
 
@@ -164,8 +164,8 @@ def rest_functions(explicit: ExplicitModel, chain: DrivenChain, columns: Sequenc
     for place, column in enumerate(columns):
         whole[column] = chosen[place]
     # Zero, with the derivatives by the chosen parameters that the sensitivities of the chain have to drive.
-    apart = [chosen[place] - theta[columns[place]] for place in chain.driven(columns)]
-    apart = ca.vertcat(*apart, *(chosen[len(columns) + i] for i in range(n_c)))
+    by = [chosen[place] - theta[columns[place]] for place in chain.driven(columns)]
+    apart = ca.vertcat(*by, *(chosen[len(columns) + i] for i in range(n_c)))
 
     def at(first: int) -> tuple[Any, ...]:
         signal = ubar[first] + ca.dot(apart, ubar[first + 1 : first + n_signals])
@@ -198,18 +198,17 @@ def rest_functions(explicit: ExplicitModel, chain: DrivenChain, columns: Sequenc
         parts[name] = ca.Function(
             name, [x, ubar, theta, t], inner.call([x, ubar, here, theta, t], True, False)
         )
-    return RestFunctions(
-        *(parts[f"daest_{name}"] for name in ("rate", "rhs", "sens", "out")), parts.get("daest_bend")
-    )
+    rate, rhs, sens, out = (parts[f"daest_{name}"] for name in ("rate", "rhs", "sens", "out"))
+    return RestFunctions(rate, rhs, sens, out, parts.get("daest_bend"))
 
 
 @dataclass(frozen=True)
 class Driving:
-    """What a chain does over a record: its `states` (n_samples, n_c), with their `slopes` by parameters and by
-    its start (n_signals - 1, n_samples, n_c); its signals, w first, then its
-    sensitivities along parameters and along its start, at the two ends of every part of every interval,
-    `start` and `end` (n_samples - 1, PARTS, n_signals), and at the samples, `sampled` (n_samples,
-    n_signals)."""
+    """What a chain does over a record: its `states` (n_samples, n_c), with their `slopes` by parameters and
+    by its start (n_signals - 1, n_samples, n_c); its signals, w first, then its sensitivities along
+    parameters and along its start, at the two ends of every part of every interval, `start` and `end`
+    (n_samples - 1, PARTS, n_signals), and at the samples, `sampled` (n_samples, n_signals). Slopes and
+    sensitivities are zeros where they are not wanted."""
 
     states: np.ndarray
     slopes: np.ndarray
@@ -225,6 +224,7 @@ def driving(
     period: float,
     inputs: tuple[np.ndarray, np.ndarray, np.ndarray | None],
     start: np.ndarray,
+    with_slopes: bool = True,
 ) -> Driving:
     """From the `start` (n_c,) of the chain, over intervals of one length `period` [s]. inputs: ū at the two
     ends of every interval, each (n_samples - 1, n_ū), and their bends (n_samples - 1, 2, n_ū) or None.
@@ -232,33 +232,27 @@ def driving(
     by = tuple(columns[place] for place in chain.driven(columns))
     powers = _powers(inputs)
     n_steps, n_c, p = powers[0].shape[0], chain.members.size, len(by)
-    steps = _steps(chain, theta.tobytes(), by, period / PARTS, len(powers))
-    whole, head = np.linalg.matrix_power(steps.transition, PARTS), n_c * (1 + p)
+    steps, head = _steps(chain, theta.tobytes(), by, period, len(powers)), n_c * (1 + p)
     behind = np.hstack([*powers, np.ones((n_steps, 1))])
     # The states first, then what they drive: their sensitivities.
-    drive, transition = behind @ whole[:head, head:].T, whole[:n_c, :n_c]
+    whole = steps.transition
+    drive, transition = behind @ whole[:head, head:].T, np.ascontiguousarray(whole[:n_c, :n_c])
     states = linear_recursion(transition, drive[:, :n_c], start)
-    drive = drive[:, n_c:] + states[:-1] @ whole[n_c:head, :n_c].T
-    drive = np.concatenate([drive.reshape(n_steps, p, n_c).transpose(1, 0, 2), np.zeros((n_c, n_steps, n_c))])
-    slopes = linear_recursion(transition, drive, np.vstack([np.zeros((p, n_c)), np.eye(n_c)]))
-    looks = np.zeros((1 + p, steps.transition.shape[0]))
-    for i in range(1 + p):
-        looks[i, i * n_c : (i + 1) * n_c] = chain.seen
-    z, own = np.hstack([states[:-1], *slopes[:p, :-1], behind]), slopes[p:, :-1]
-    # The line with the mean m and the moment k about the middle of a part runs from m - 3 k to m + 3 k.
-    length = period / PARTS
-    lines = [
-        looks @ (6.0 * steps.second - 2.0 * steps.first) / length,
-        looks @ (4.0 * steps.first - 6.0 * steps.second) / length,
-    ]
-    ends: list[list[np.ndarray]] = [[], []]
-    for _ in range(PARTS):
-        for side in range(2):
-            along = own @ lines[side][0, :n_c]
-            ends[side].append(np.hstack([z @ lines[side].T, along.T]))
-            lines[side] = lines[side] @ steps.transition
-    sampled = np.column_stack([states @ chain.seen, *(slopes @ chain.seen)])
-    return Driving(states, slopes, np.stack(ends[0], axis=1), np.stack(ends[1], axis=1), sampled)
+    slopes = np.zeros((p + n_c, n_steps + 1, n_c))
+    if with_slopes:
+        moved = np.zeros((p + n_c, n_steps, n_c))
+        by_states = drive[:, n_c:] + states[:-1] @ whole[n_c:head, :n_c].T
+        moved[:p] = by_states.reshape(n_steps, p, n_c).transpose(1, 0, 2)
+        slopes = linear_recursion(transition, moved, np.vstack([np.zeros((p, n_c)), np.eye(n_c)]))
+    ends = np.zeros((n_steps, 2 * PARTS, 1 + p + n_c))
+    if with_slopes:
+        z = np.hstack([states[:-1], *slopes[:p, :-1], behind])
+        ends[:, :, : 1 + p] = (z @ steps.lines.reshape(-1, z.shape[1]).T).reshape(n_steps, -1, 1 + p)
+        ends[:, :, 1 + p :] = (slopes[p:, :-1] @ steps.lines[:, 0, :n_c].T).transpose(1, 2, 0)
+    else:
+        ends[:, :, 0] = states[:-1] @ steps.lines[:, 0, :n_c].T + behind @ steps.lines[:, 0, head:].T
+    sampled = np.vstack([(states @ chain.seen)[None], slopes @ chain.seen]).T
+    return Driving(states, slopes, ends[:, ::2], ends[:, 1::2], sampled)
 
 
 def _powers(inputs: tuple[np.ndarray, np.ndarray, np.ndarray | None]) -> list[np.ndarray]:
@@ -270,21 +264,28 @@ def _powers(inputs: tuple[np.ndarray, np.ndarray, np.ndarray | None]) -> list[np
     return [u0, rise + bent[:, 0], bent[:, 1] - bent[:, 0], -bent[:, 1]]
 
 
+@dataclass(frozen=True)
+class _Steps:
+    """Of ż = M z, z = (c, ∂c/∂θ of some parameters, coefficients of the inputs in powers of the part of an
+    interval, 1): the `transition` over an interval, and the `lines` (2 PARTS, 1 + p, n_z) from z at its start
+    to w and to its sensitivities along parameters at the two ends of its parts, one after the other."""
+
+    transition: np.ndarray
+    lines: np.ndarray
+
+
 @lru_cache(maxsize=MOST_KEPT)
-def _steps(
-    chain: DrivenChain, theta: bytes, by: tuple[int, ...], length: float, n_powers: int
-) -> TransitionIntegrals:
-    """Of ż = M z over a part of `length` [s], for z = (c, ∂c/∂θ of the parameters `by`, the coefficients of the
-    inputs in so many powers of the part of an interval, 1)."""
-    at = np.frombuffer(theta)
+def _steps(chain: DrivenChain, theta: bytes, by: tuple[int, ...], period: float, n_powers: int) -> _Steps:
+    at, length = np.frombuffer(theta), period / PARTS
     A, B, b = (np.array(part) for part in chain.matrices(at))
     n_c, n_u, p = A.shape[0], B.shape[1], len(by)
     changes = np.array(chain.slopes(at))[:, list(by)]
     dA, dB, db = np.split(changes, [n_c * n_c, n_c * n_c + n_c * n_u])
     head = n_c * (1 + p)
-    M = np.zeros((head + n_u * n_powers + 1,) * 2)
+    M, looks = np.zeros((head + n_u * n_powers + 1,) * 2), np.zeros((1 + p, head + n_u * n_powers + 1))
     for i in range(1 + p):
         rows = slice(i * n_c, (i + 1) * n_c)
+        looks[i, rows] = chain.seen
         M[rows, rows] = A
         if i:
             M[rows, :n_c] = dA[:, i - 1].reshape(n_c, n_c, order="F")
@@ -292,8 +293,19 @@ def _steps(
         M[rows, -1] = b[:, 0] if not i else db[:, i - 1]
     for k in range(n_powers - 1):
         now = np.arange(head + k * n_u, head + (k + 1) * n_u)
-        M[now, now + n_u] = (k + 1) / (PARTS * length)
-    return transition_integrals(M, length, STRAIGHT, by_doubling=True)
+        M[now, now + n_u] = (k + 1) / period
+    step = transition_integrals(M, length, STRAIGHT, by_doubling=True)
+    # The line with the mean m and the moment k about the middle of a part runs from m - 3 k to m + 3 k.
+    ends = (
+        looks
+        @ np.array([6.0 * step.second - 2.0 * step.first, 4.0 * step.first - 6.0 * step.second])
+        / length
+    )
+    lines = []
+    for _ in range(PARTS):
+        lines += list(ends)
+        ends = ends @ step.transition
+    return _Steps(np.linalg.matrix_power(step.transition, PARTS), np.array(lines))
 
 
 def parts_of_inputs(

@@ -778,7 +778,8 @@ def _run_beside_chain(model: ChainIntegrator, run: Run) -> Trajectory:
     period = float(run.time[-1] - run.time[0]) / (n - 1)
     inputs = run.u0, run.u1, run.bent
     with np.errstate(over="ignore", invalid="ignore"):
-        made = driving(chain, run.theta, columns, period, inputs, run.x0[chain.members])
+        start, with_slopes = run.x0[chain.members], run.directions > 0
+        made = driving(chain, run.theta, columns, period, inputs, start, with_slopes)
     if not all(np.all(np.isfinite(part)) for part in (made.states, made.start, made.end, made.sampled)):
         raise IntegrationError(FAILURES[3], float(run.time[0]))
     u0, u1, bent = parts_of_inputs(inputs)
