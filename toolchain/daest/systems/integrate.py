@@ -761,14 +761,14 @@ def _has_driven_chain(chain: DrivenChain, run: Run) -> bool:
     if run.time.size < 2:
         return False
     if run.correction is not None:
-        gain = run.correction.gain
-        gains = (gain if gain.ndim == 3 else gain[None], run.correction.slopes)
         if chain.alone:
             return False
-        size = np.nanmax(np.abs(run.correction.measurements), axis=0, initial=0.0)
-        moved = [np.abs(gain[:, chain.members]) * size / run.scale[chain.members, None] for gain in gains]
-        if any(np.max(one, initial=0.0) > SOLVER.uncorrected for one in moved):
-            return False
+        gain = run.correction.gain
+        for one in (gain if gain.ndim == 3 else gain[None], run.correction.slopes):
+            moved = np.abs(one) / run.scale[:, None]
+            least = SOLVER.uncorrected * np.max(moved, initial=0.0)
+            if np.max(moved[:, chain.members], initial=0.0) > least:
+                return False
     intervals = np.diff(run.time)
     return bool(np.ptp(intervals) <= SOLVER.equal_steps * intervals.mean())
 
