@@ -305,16 +305,18 @@ _compiled: dict[tuple, EquationIntegrator] = {}
 _families: dict[tuple, tuple[ExplicitModel, StateSpaceFamily | None]] = {}
 
 
-_chained: dict[tuple, ChainIntegrator | None] = {}
+# With the model, which keeps its functions: no others take their numbers.
+_chained: dict[tuple, tuple[ExplicitModel, ChainIntegrator | None]] = {}
 
 
 def _beside_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> ChainIntegrator | None:
     """The integrator of a model with a chain that inputs drive; None for one without, or without a
     compiler."""
     key = _functions_of(explicit)
-    known = _chained.get(key)
+    known = _chained[key][1] if key in _chained else None
     if key not in _chained or (known is not None and known.begun[: len(names)] != names):
-        known = _chained[key] = _made_beside_chain(explicit, names)
+        known = _made_beside_chain(explicit, names)
+        _chained[key] = explicit, known
         while len(_chained) > MOST_COMPILED:
             del _chained[next(iter(_chained))]
     return None if known is None else replace(known, explicit=explicit, names=names)
