@@ -3,7 +3,8 @@
 The method is Radau IIA (order 5, L-stable). With a C compiler it runs as `radau.c`, compiled together with
 the model's CasADi functions, with adaptive steps. Without one, CasADi's collocation integrator interprets the
 same method with a fixed number of steps per sample interval: slower, and less exact where the model is stiff.
-An affine model on a uniform time grid is sampled exactly instead (`affine_steps`), at a fraction of the work.
+An affine model on a uniform time grid is sampled exactly instead (`affine_steps`), at a fraction of the work,
+and so is a chain of states that the inputs alone drive, such as a dead time (`driven_chain`).
 Between samples the inputs are held (zoh), run straight (foh) or on cubic curves (smooth).
 """
 
@@ -38,6 +39,14 @@ from daest.numerics.exponential import CUBIC, STRAIGHT
 from daest.numerics.projection import pull
 from daest.numerics.watched import watched
 from daest.systems.affine_steps import DrivenBy, Gain, affine_steps
+from daest.systems.driven_chain import (
+    PARTS,
+    DrivenChain,
+    driven_chain,
+    driving,
+    parts_of_inputs,
+    rest_functions,
+)
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import HybridError
 from daest.systems.hybrid import Inputs, follow
@@ -209,6 +218,35 @@ class AffineIntegrator(Integrator):
         return f"exact steps of an affine model, {hold}"
 
 
+@dataclass(frozen=True)
+class ChainIntegrator(Integrator):
+    """A model with a chain of states that inputs alone drive, which takes exact steps; the functions of
+    `beside` are those of the rest, for the parameters of `begun`, which begin with `names`. `stepped` takes
+    the runs that these do not serve."""
+
+    explicit: ExplicitModel
+    names: tuple[str, ...]
+    chain: DrivenChain
+    beside: EquationIntegrator
+    begun: tuple[str, ...]
+
+    def __reduce__(self) -> tuple:
+        return _again, (self.explicit, self.names, True)
+
+    @cached_property
+    def stepped(self) -> EquationIntegrator:
+        return _stepping(self.explicit, self.names, compiled=True, runs_once=False)
+
+    def trajectory(self, run: Run) -> Trajectory:
+        if not _has_driven_chain(self.chain, run):
+            return self.stepped.trajectory(run)
+        return _run_beside_chain(self, run)
+
+    def method(self, rtol: float, hold: Hold) -> str:
+        n = self.chain.members.size
+        return f"exact steps of {n} states that inputs drive, {self.beside.method(rtol, hold)} for the others"
+
+
 @singledispatch
 def integrator(
     explicit: Dynamics,
@@ -237,7 +275,8 @@ def _of_equations(
     family = _affine_family(explicit) if compiled and not runs_once else None
     if family is not None:
         return AffineIntegrator(explicit, tuple(names), family)
-    return _stepping(explicit, names, compiled, runs_once)
+    beside = _beside_chain(explicit, tuple(names)) if compiled and not runs_once else None
+    return beside or _stepping(explicit, names, compiled, runs_once)
 
 
 def _stepping(
@@ -268,6 +307,46 @@ def _stepping(
 
 _compiled: dict[tuple, EquationIntegrator] = {}
 _families: dict[tuple, tuple[ExplicitModel, StateSpaceFamily | None]] = {}
+
+
+# With the model, which keeps its functions: no others take their numbers.
+_chained: dict[tuple, tuple[ExplicitModel, ChainIntegrator | None]] = {}
+
+
+def _beside_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> ChainIntegrator | None:
+    """The integrator of a model with a chain that inputs drive; None for one without, or without a
+    compiler."""
+    key = _functions_of(explicit)
+    known = _chained[key][1] if key in _chained else None
+    if key not in _chained or (known is not None and known.begun[: len(names)] != names):
+        known = _made_beside_chain(explicit, names)
+        _chained[key] = explicit, known
+        while len(_chained) > MOST_COMPILED:
+            del _chained[next(iter(_chained))]
+    return None if known is None else replace(known, explicit=explicit, names=names)
+
+
+def _made_beside_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> ChainIntegrator | None:
+    columns = _columns(explicit, names)
+    chain = driven_chain(explicit)
+    if chain is None:
+        return None
+    made = rest_functions(explicit, chain, columns)
+    functions = made.rate, made.rhs, made.sens, made.out
+    library = if_compiler(lambda: _compile(*functions, None, None, made.bend, "-O2"))
+    if library is None:
+        return None
+    beside = EquationIntegrator(explicit, names, made.rhs, made.sens, made.out, library, bend=made.bend)
+    return ChainIntegrator(explicit, names, chain, beside, names)
+
+
+def _columns(explicit: ExplicitModel, names: Sequence[str]) -> list[int]:
+    """The positions of parameters. Raises ModelError `unknown-parameter`."""
+    known = [p.name for p in explicit.flat.parameters]
+    missing = [name for name in names if name not in known]
+    if missing:
+        raise ModelError("unknown-parameter", f"The model has no parameter `{missing[0]}`.")
+    return [known.index(name) for name in names]
 
 
 def _affine_family(explicit: ExplicitModel) -> StateSpaceFamily | None:
@@ -311,16 +390,12 @@ def _again(explicit: ExplicitModel, names: tuple[str, ...], compiled: bool) -> I
 def _model_functions(
     explicit: ExplicitModel, names: tuple[str, ...]
 ) -> tuple[ca.Function, ca.Function, ca.Function, ca.Function | None, ca.Function | None]:
-    known = [p.name for p in explicit.flat.parameters]
-    missing = [name for name in names if name not in known]
-    if missing:
-        raise ModelError("unknown-parameter", f"The model has no parameter `{missing[0]}`.")
+    columns = _columns(explicit, names)
     kind: Any = ca.SX if explicit.is_symbolic else ca.MX
     n_u, n_v, n_w = (explicit.rhs.numel_in(i) for i in (1, 2, 3))
     x, ubar, t = kind.sym("x", explicit.n_states), kind.sym("u", n_u + n_v), kind.sym("t")
     # The chosen parameters stand apart: a library model may have hundreds of others.
-    columns = [known.index(name) for name in names]
-    theta, chosen = kind.sym("theta", len(known)), kind.sym("chosen", len(columns))
+    theta, chosen = kind.sym("theta", len(explicit.flat.parameters)), kind.sym("chosen", len(columns))
     whole = kind(theta)
     for position, column in enumerate(columns):
         whole[column] = chosen[position]
@@ -679,6 +754,87 @@ def _run_exactly(model: AffineIntegrator, run: Run) -> Trajectory:
     n, n_y = outputs.shape
     sens = np.empty((n, n_y, 0)) if slopes is None else slopes.transpose(1, 2, 0)
     return Trajectory(states, outputs, sens, n - 1)
+
+
+def _has_driven_chain(chain: DrivenChain, run: Run) -> bool:
+    """Whether all intervals are of one length, and no sample corrects the chain: no noise of the model
+    reaches it."""
+    if run.time.size < 2:
+        return False
+    if run.correction is not None:
+        if chain.alone:
+            return False
+        gain = run.correction.gain
+        for one in (gain if gain.ndim == 3 else gain[None], run.correction.slopes):
+            moved = np.abs(one) / run.scale[:, None]
+            least = SOLVER.uncorrected * np.max(moved, initial=0.0)
+            if np.max(moved[:, chain.members], initial=0.0) > least:
+                return False
+    intervals = np.diff(run.time)
+    return bool(np.ptp(intervals) <= SOLVER.equal_steps * intervals.mean())
+
+
+def _run_beside_chain(model: ChainIntegrator, run: Run) -> Trajectory:
+    chain, n, columns = model.chain, run.time.size, _columns(model.explicit, model.begun)
+    period = float(run.time[-1] - run.time[0]) / (n - 1)
+    inputs = run.u0, run.u1, run.bent
+    with np.errstate(over="ignore", invalid="ignore"):
+        start, with_slopes = run.x0[chain.members], run.directions > 0
+        made = driving(chain, run.theta, columns, period, inputs, start, with_slopes)
+    if not all(np.all(np.isfinite(part)) for part in (made.states, made.start, made.end, made.sampled)):
+        raise IntegrationError(FAILURES[3], float(run.time[0]))
+    u0, u1, bent = parts_of_inputs(inputs)
+    u_last = np.hstack([run.u_last, made.sampled[-1:]])
+    u0, u1 = np.concatenate([u0, made.start], axis=2), np.concatenate([u1, made.end], axis=2)
+    if chain.is_shown:  # what outputs show at a sample is the signal itself
+        shown = np.repeat(made.sampled[:-1, None], PARTS, axis=1)
+        u0, u1 = np.concatenate([u0, shown], axis=2), np.concatenate([u1, shown], axis=2)
+        u_last = np.hstack([u_last, made.sampled[-1:]])
+    if bent is not None:
+        bent = np.concatenate([bent, np.zeros((*bent.shape[:3], u0.shape[2] - bent.shape[3]))], axis=3)
+        bent = np.ascontiguousarray(bent.reshape(-1, 2, u0.shape[2]))
+    parts = run.time[:-1, None] + np.diff(run.time)[:, None] * np.arange(PARTS) / PARTS
+    given = run.correction
+    if given is not None:
+        seen = np.full((PARTS * (n - 1) + 1, given.measurements.shape[1]), np.nan)
+        seen[::PARTS] = given.measurements
+        gain = given.gain[..., chain.rest, :]
+        if gain.ndim == 3:
+            gain = np.repeat(gain, PARTS, axis=0)[: seen.shape[0]]
+        given = Correction(seen, gain, given.slopes[:, chain.rest])
+    n_chosen, n_rest = len(columns) + chain.members.size, chain.rest.size
+    rest = replace(
+        run,
+        time=np.append(parts.ravel(), run.time[-1]),
+        u0=np.ascontiguousarray(u0.reshape(-1, u0.shape[2])),
+        u1=np.ascontiguousarray(u1.reshape(-1, u1.shape[2])),
+        u_last=u_last,
+        bent=bent,
+        x0=np.ascontiguousarray(run.x0[chain.rest]),
+        directions=n_chosen + n_rest + run.by_gain if run.directions else 0,
+        by_parameter=n_chosen if run.directions else 0,
+        atol=np.ascontiguousarray(run.atol[chain.rest]),
+        scale=run.scale[chain.rest],
+        correction=given,
+    )
+    found = _run_radau(model.beside, rest)
+    states = np.empty((n, run.x0.size))
+    states[:, chain.rest], states[:, chain.members] = found.states[::PARTS], made.states
+    outputs, sens = found.outputs[::PARTS].copy(), np.empty((n, found.outputs.shape[1], 0))
+    for j, i in chain.alone:
+        outputs[:, j] = made.states[:, i]
+    if run.directions:
+        # Back into the order of the parameters asked for, the states of the model and the gains.
+        by_state = np.empty(run.x0.size, dtype=int)
+        by_state[chain.members] = len(columns) + np.arange(chain.members.size)
+        by_state[chain.rest] = n_chosen + np.arange(n_rest)
+        order = [*range(run.by_parameter), *by_state, *range(n_chosen + n_rest, rest.directions)]
+        whole = found.sensitivities[::PARTS]
+        own = [*chain.driven(columns), *range(len(columns), n_chosen)]
+        for j, i in chain.alone:
+            whole[:, j, own] = made.slopes[:, :, i].T
+        sens = np.ascontiguousarray(whole[:, :, order])
+    return Trajectory(states, outputs, sens, found.n_steps)
 
 
 def _run_interpreted(model: EquationIntegrator, run: Run) -> Trajectory:

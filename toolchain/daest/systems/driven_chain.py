@@ -1,0 +1,325 @@
+"""A chain of states that inputs alone drive, such as a dead time at an input, apart from the rest of a model.
+
+A dead time is ten linear states whose rates are many times those of the machine behind it. Integrated with
+that machine, they ask for many short steps of all states and of all their sensitivities; by themselves they
+are exact by the exponential of their matrix, and all that the rest sees of them is one signal, w = κᵀ c. On
+parts of each sample interval that signal is replaced by the straight line with the same integrals of w and
+of w t. What it rings within a part, the rest, which is slower, takes no notice of: the state that it leaves
+differs by the second moment of what the line leaves out, 1e-6 of the signal for a machine of twenty samples
+per time constant.
+
+The sensitivities of c along parameters and start values are such signals, too. They enter the rest as what
+drives the sensitivities of its states, ∂f/∂w ds/dθ, beside ∂f/∂θ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from daest.model.flat import ExplicitModel
+from daest.numerics.exponential import STRAIGHT, transition_integrals
+from daest.numerics.recursions import linear_recursion
+from daest.systems.sensor_laws import relative_slopes, sensor_laws
+
+FEWEST = 4  # states of a chain that are worth it
+PARTS = 4  # of a sample interval, on each of which the signal is a straight line
+LOOKS = 6  # points at which it is looked how the rest sees the chain
+SAME = 1e-10  # relative to the largest slope, that of one signal by rounding
+SEED = 1
+MOST_KEPT = 4  # steps of chains: the segments of a record take the same ones
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenChain:
+    """The positions of the chain's states c (n_c,) and of the `rest` (n_r,) in x. `seen` (n_c,) is κ. It
+    `is_shown` where outputs show w at once; `alone` are the outputs that are states of the chain, each with
+    the place of that in c. `matrices` is theta -> A (n_c, n_c), B (n_c, n_ū), b (n_c,) with
+    ċ = A c + B ū + b, `slopes` theta -> their derivatives by all parameters, column-major (size, n_theta);
+    `by` are the positions of the parameters that these depend on."""
+
+    members: np.ndarray
+    rest: np.ndarray
+    seen: np.ndarray
+    is_shown: bool
+    alone: tuple[tuple[int, int], ...]
+    matrices: ca.Function
+    slopes: ca.Function
+    by: tuple[int, ...]
+
+    def driven(self, columns: Sequence[int]) -> list[int]:
+        """The places in `columns`, positions of parameters, of those that the chain depends on."""
+        return [place for place, column in enumerate(columns) if column in self.by]
+
+    def n_signals(self, columns: Sequence[int]) -> int:
+        """w and its sensitivities along the parameters in `columns` and along the start of the chain."""
+        return 1 + len(self.driven(columns)) + self.members.size
+
+
+def driven_chain(explicit: ExplicitModel) -> DrivenChain | None:
+    """The largest chain of a model; None where it has none of FEWEST states or more, or where the rest sees
+    more of it than one signal."""
+    if not explicit.is_symbolic or explicit.n_states <= FEWEST or explicit.invariants is not None:
+        return None
+    if explicit.flat.events is not None or explicit.near is not None:
+        return None
+    x, u, v, w, theta, t = explicit.rhs.sx_in()
+    ubar, silent = ca.vertcat(u, v), ca.SX.zeros(w.shape)
+    f, h = (part(x, u, v, silent, theta, t) for part in (explicit.rhs, explicit.outputs))
+    members = _largest_driven(f, x)
+    if members is None:
+        return None
+    rest = np.setdiff1d(np.arange(explicit.n_states), members)
+    own = f[members.tolist()]
+    if not rest.size or any(ca.which_depends(own, ca.vertcat(x, ubar), 2, True)):
+        return None
+    A, B = ca.jacobian(own, x)[:, members.tolist()], ca.jacobian(own, ubar)
+    b = ca.substitute(own, ca.vertcat(x, ubar), ca.SX.zeros(x.numel() + ubar.numel()))
+    parts = [ca.densify(part) for part in (A, B, b)]
+    every = ca.vertcat(*map(ca.vec, parts))
+    if any(ca.which_depends(every, ca.vertcat(x, ubar, t), 1, True)):
+        return None
+    places = {x[int(member)].element_hash(): i for i, member in enumerate(members)}
+    shown = [h[j].element_hash() for j in range(h.numel())]
+    alone = tuple((j, places[one]) for j, one in enumerate(shown) if one in places)
+    h = h[[j for j in range(h.numel()) if shown[j] not in places]]
+    others = ca.vertcat(f[rest.tolist()], h)
+    by_chain = ca.jacobian(others, x)[:, members.tolist()]
+    seen = _seen(ca.Function("seen", [x, u, v, theta, t], [ca.densify(by_chain)]), explicit)
+    if seen is None:
+        return None
+    pattern = ca.jacobian_sparsity(every, theta)
+    return DrivenChain(
+        members,
+        rest,
+        seen,
+        any(ca.which_depends(h, x[members.tolist()], 1, True)),
+        alone,
+        ca.Function("chain", [theta], parts),
+        ca.Function("chain_slopes", [theta], [ca.densify(ca.jacobian(every, theta))]),
+        tuple(sorted(set(pattern.get_triplet()[1]))),
+    )
+
+
+def _largest_driven(f: ca.SX, x: ca.SX) -> np.ndarray | None:
+    """The most states that depend on each other and on no other state."""
+    rows, columns = ca.jacobian_sparsity(f, x).get_triplet()
+    n = x.numel()
+    graph = csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+    _, label = connected_components(graph, directed=True, connection="strong")
+    leans = {int(label[r]) for r, c in zip(rows, columns, strict=True) if label[r] != label[c]}
+    groups = [np.flatnonzero(label == one) for one in set(label.tolist()) - leans]
+    most = max(groups, key=lambda group: group.size, default=np.zeros(0, dtype=int))
+    return most if most.size >= FEWEST else None
+
+
+def _seen(slopes: ca.Function, explicit: ExplicitModel) -> np.ndarray | None:
+    """κ (n_c,), the largest number 1, where all `slopes` over the chain lie along it wherever one looks."""
+    rng = np.random.default_rng(SEED)
+    table = []
+    for size in 10.0 ** np.linspace(-3, 3, LOOKS):
+        at = [size * rng.uniform(-1.0, 1.0, slopes.numel_in(i)) for i in range(3)]
+        theta = explicit.flat.theta_values * rng.uniform(0.5, 1.5, slopes.numel_in(3))
+        table.append(np.array(slopes(*at, theta, rng.uniform())))
+    rows = np.concatenate(table)
+    rows = rows[np.all(np.isfinite(rows), axis=1)]
+    largest = np.max(np.abs(rows), axis=1, initial=0.0)
+    rows = rows[largest > 0.0] / largest[largest > 0.0, None]
+    if not rows.size:
+        return None
+    first = rows[0] / rows[0][np.argmax(np.abs(rows[0]))]
+    scaled = rows / rows[:, [int(np.argmax(np.abs(first)))]]
+    return first if np.all(np.abs(scaled - first) <= SAME) else None
+
+
+@dataclass(frozen=True)
+class RestFunctions:
+    """The functions of the rest of a model, as `integrate` names them, with zeros for the outputs that show
+    the chain `alone`. Their inputs are ū, then the signals
+    of the chain for the rates, and once more for the outputs where these show it; their chosen parameters are
+    the names asked for, then the start values of the chain."""
+
+    rate: ca.Function
+    rhs: ca.Function
+    sens: ca.Function
+    out: ca.Function
+    bend: ca.Function | None
+
+
+def rest_functions(explicit: ExplicitModel, chain: DrivenChain, columns: Sequence[int]) -> RestFunctions:
+    """For the parameters in `columns`, positions in theta."""
+    n_u, n_v, n_w = (explicit.rhs.numel_in(i) for i in (1, 2, 3))
+    n_c, n_ubar, n_signals = chain.members.size, n_u + n_v, chain.n_signals(columns)
+    x, t = ca.SX.sym("x", chain.rest.size), ca.SX.sym("t")
+    theta, chosen = ca.SX.sym("theta", len(explicit.flat.parameters)), ca.SX.sym("chosen", len(columns) + n_c)
+    ubar = ca.SX.sym("u", n_ubar + n_signals * (2 if chain.is_shown else 1))
+    whole = ca.SX(theta)
+    for place, column in enumerate(columns):
+        whole[column] = chosen[place]
+    # Zero, with the derivatives by the chosen parameters that the sensitivities of the chain have to drive.
+    by = [chosen[place] - theta[columns[place]] for place in chain.driven(columns)]
+    apart = ca.vertcat(*by, *(chosen[len(columns) + i] for i in range(n_c)))
+
+    def at(first: int) -> tuple[Any, ...]:
+        signal = ubar[first] + ca.dot(apart, ubar[first + 1 : first + n_signals])
+        states = ca.SX.zeros(explicit.n_states)
+        states[chain.rest.tolist()] = x
+        states[int(chain.members[np.argmax(np.abs(chain.seen))])] = signal
+        return states, ubar[:n_u], ubar[n_u:n_ubar], ca.SX.zeros(n_w), whole, t
+
+    rates, outputs = at(n_ubar), at(n_ubar + n_signals if chain.is_shown else n_ubar)
+    f, h = explicit.rhs(*rates)[chain.rest.tolist()], explicit.outputs(*outputs)
+    for j, _ in chain.alone:
+        h[j] = 0.0
+    results = {
+        "daest_rate": [f],
+        "daest_rhs": [f, ca.jacobian(f, x)],
+        "daest_sens": [ca.jacobian(f, x), ca.jacobian(f, chosen)],
+        "daest_out": [h, ca.jacobian(h, x), ca.jacobian(h, chosen)],
+    }
+    laws = sensor_laws(explicit)
+    if laws is not None:
+        arguments = explicit.outputs.sx_in()
+        sensors = ca.Function("sensors", arguments, [relative_slopes(explicit, laws, tuple(arguments))[0]])
+        s = sensors(*outputs)
+        results["daest_bend"] = [s, ca.jacobian(s, x), ca.jacobian(s, chosen)]
+    here = ca.vertcat(theta[list(columns)] if columns else ca.SX(0, 1), ca.SX.zeros(n_c))
+    parts = {}
+    for name, expressions in results.items():
+        dense = list(map(ca.densify, expressions))
+        inner = ca.Function(f"inner_{name}", [x, ubar, chosen, theta, t], dense)
+        parts[name] = ca.Function(
+            name, [x, ubar, theta, t], inner.call([x, ubar, here, theta, t], True, False)
+        )
+    rate, rhs, sens, out = (parts[f"daest_{name}"] for name in ("rate", "rhs", "sens", "out"))
+    return RestFunctions(rate, rhs, sens, out, parts.get("daest_bend"))
+
+
+@dataclass(frozen=True)
+class Driving:
+    """What a chain does over a record: its `states` (n_samples, n_c), with their `slopes` by parameters and
+    by its start (n_signals - 1, n_samples, n_c); its signals, w first, then its sensitivities along
+    parameters and along its start, at the two ends of every part of every interval, `start` and `end`
+    (n_samples - 1, PARTS, n_signals), and at the samples, `sampled` (n_samples, n_signals). Slopes and
+    sensitivities are zeros where they are not wanted."""
+
+    states: np.ndarray
+    slopes: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    sampled: np.ndarray
+
+
+def driving(
+    chain: DrivenChain,
+    theta: np.ndarray,
+    columns: Sequence[int],
+    period: float,
+    inputs: tuple[np.ndarray, np.ndarray, np.ndarray | None],
+    start: np.ndarray,
+    with_slopes: bool = True,
+) -> Driving:
+    """From the `start` (n_c,) of the chain, over intervals of one length `period` [s]. inputs: ū at the two
+    ends of every interval, each (n_samples - 1, n_ū), and their bends (n_samples - 1, 2, n_ū) or None.
+    `columns`: positions of the parameters along which sensitivities are wanted."""
+    by = tuple(columns[place] for place in chain.driven(columns))
+    powers = _powers(inputs)
+    n_steps, n_c, p = powers[0].shape[0], chain.members.size, len(by)
+    steps, head = _steps(chain, theta.tobytes(), by, period, len(powers)), n_c * (1 + p)
+    behind = np.hstack([*powers, np.ones((n_steps, 1))])
+    # The states first, then what they drive: their sensitivities.
+    whole = steps.transition
+    drive, transition = behind @ whole[:head, head:].T, np.ascontiguousarray(whole[:n_c, :n_c])
+    states = linear_recursion(transition, drive[:, :n_c], start)
+    slopes = np.zeros((p + n_c, n_steps + 1, n_c))
+    if with_slopes:
+        moved = np.zeros((p + n_c, n_steps, n_c))
+        by_states = drive[:, n_c:] + states[:-1] @ whole[n_c:head, :n_c].T
+        moved[:p] = by_states.reshape(n_steps, p, n_c).transpose(1, 0, 2)
+        slopes = linear_recursion(transition, moved, np.vstack([np.zeros((p, n_c)), np.eye(n_c)]))
+    ends = np.zeros((n_steps, 2 * PARTS, 1 + p + n_c))
+    if with_slopes:
+        z = np.hstack([states[:-1], *slopes[:p, :-1], behind])
+        ends[:, :, : 1 + p] = (z @ steps.lines.reshape(-1, z.shape[1]).T).reshape(n_steps, -1, 1 + p)
+        ends[:, :, 1 + p :] = (slopes[p:, :-1] @ steps.lines[:, 0, :n_c].T).transpose(1, 2, 0)
+    else:
+        ends[:, :, 0] = states[:-1] @ steps.lines[:, 0, :n_c].T + behind @ steps.lines[:, 0, head:].T
+    sampled = np.vstack([(states @ chain.seen)[None], slopes @ chain.seen]).T
+    return Driving(states, slopes, ends[:, ::2], ends[:, 1::2], sampled)
+
+
+def _powers(inputs: tuple[np.ndarray, np.ndarray, np.ndarray | None]) -> list[np.ndarray]:
+    """The coefficients of the inputs in powers of the part r of an interval, each (n_steps, n_ū)."""
+    u0, u1, bent = inputs
+    rise = u1 - u0
+    if bent is None:
+        return [u0, rise]
+    return [u0, rise + bent[:, 0], bent[:, 1] - bent[:, 0], -bent[:, 1]]
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """Of ż = M z, z = (c, ∂c/∂θ of some parameters, coefficients of the inputs in powers of the part of an
+    interval, 1): the `transition` over an interval, and the `lines` (2 PARTS, 1 + p, n_z) from z at its start
+    to w and to its sensitivities along parameters at the two ends of its parts, one after the other."""
+
+    transition: np.ndarray
+    lines: np.ndarray
+
+
+@lru_cache(maxsize=MOST_KEPT)
+def _steps(chain: DrivenChain, theta: bytes, by: tuple[int, ...], period: float, n_powers: int) -> _Steps:
+    at, length = np.frombuffer(theta), period / PARTS
+    A, B, b = (np.array(part) for part in chain.matrices(at))
+    n_c, n_u, p = A.shape[0], B.shape[1], len(by)
+    changes = np.array(chain.slopes(at))[:, list(by)]
+    dA, dB, db = np.split(changes, [n_c * n_c, n_c * n_c + n_c * n_u])
+    head = n_c * (1 + p)
+    M, looks = np.zeros((head + n_u * n_powers + 1,) * 2), np.zeros((1 + p, head + n_u * n_powers + 1))
+    for i in range(1 + p):
+        rows = slice(i * n_c, (i + 1) * n_c)
+        looks[i, rows] = chain.seen
+        M[rows, rows] = A
+        if i:
+            M[rows, :n_c] = dA[:, i - 1].reshape(n_c, n_c, order="F")
+        M[rows, head : head + n_u] = B if not i else dB[:, i - 1].reshape(n_c, n_u, order="F")
+        M[rows, -1] = b[:, 0] if not i else db[:, i - 1]
+    for k in range(n_powers - 1):
+        now = np.arange(head + k * n_u, head + (k + 1) * n_u)
+        M[now, now + n_u] = (k + 1) / period
+    step = transition_integrals(M, length, STRAIGHT, by_doubling=True)
+    # The line with the mean m and the moment k about the middle of a part runs from m - 3 k to m + 3 k.
+    ends = (
+        looks
+        @ np.array([6.0 * step.second - 2.0 * step.first, 4.0 * step.first - 6.0 * step.second])
+        / length
+    )
+    lines = []
+    for _ in range(PARTS):
+        lines += list(ends)
+        ends = ends @ step.transition
+    return _Steps(np.linalg.matrix_power(step.transition, PARTS), np.array(lines))
+
+
+def parts_of_inputs(
+    inputs: tuple[np.ndarray, np.ndarray, np.ndarray | None],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Inputs, as those of `driving`, on every part of every interval: (n_samples - 1, PARTS, n_ū) at the two
+    ends, and (n_samples - 1, PARTS, 2, n_ū)."""
+    u0, u1, bent = inputs
+    r = np.arange(PARTS + 1)[None, :, None] / PARTS
+    edges = u0[:, None] + r * (u1 - u0)[:, None]
+    if bent is None:
+        return edges[:, :-1], edges[:, 1:], None
+    a, b = bent[:, None, 0], bent[:, None, 1]
+    edges = edges + r * (1.0 - r) * (a + b * r)
+    cubic = b / PARTS**3 + 0.0 * r[:, :-1]
+    square = (b - a - 3.0 * b * r[:, :-1]) / PARTS**2
+    return edges[:, :-1], edges[:, 1:], np.stack([cubic - square, cubic], axis=2)
