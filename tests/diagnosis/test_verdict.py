@@ -198,6 +198,16 @@ def test_lags_too_short_to_be_told_apart_say_that_something_fast_is_missing():
     )
 
 
+@pytest.mark.parametrize("gain", [40.0, 400.0])
+def test_lag_that_does_most_is_told_before_shorter_ones_and_curves_that_do_less(gain):
+    short = replace(proof("QuadraticDrag", "rejected"), is_any_dynamics=True, reason="it is short")
+    near = replace(proof(verdict="rejected"), comes_near=True, explained=0.9, delta_bic=gain, reason="less")
+    found = decide(evidence(proofs=[near, short], related=True))
+    assert found.name == "unknown effect" and "Something dynamic is missing" in found.message
+    told = "CoulombFriction at rotor.flange_a comes nearest (tau_c = 0.15 ± 0.01 N.m)"
+    assert (told in found.message) == (gain > 100.0)
+
+
 def test_unrelated_load_is_external():
     found = decide(evidence())
     assert found.name == "external disturbance" and found.next_experiment.startswith("Repeat")

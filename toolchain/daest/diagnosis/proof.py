@@ -193,10 +193,10 @@ def proof_of(
     elif final is None:
         fit = refit.simulated(validation)
     left = None if reason else _left(null, with_effect, after or run_null(with_effect))
-    too_short = ""
+    near = too_short = ""
     if left is not None:
         if prepared.trial.candidate.is_dynamic:
-            reason = other_dynamics(left, gain)
+            reason = near = other_dynamics(left, gain)
             too_short = "" if reason else lag_too_short(null, prepared.trial.candidate, fit)
             reason = reason or too_short
         if is_curve and not is_told and not is_shown and _is_much_left(left, gain):
@@ -220,6 +220,7 @@ def proof_of(
         ahead=ahead,
         is_open=bool(reason) and is_open,
         is_any_dynamics=bool(too_short) and reason == too_short,
+        comes_near=bool(near) and reason == near,
         is_known=not unseen_form and not not_determined(prepared.trial.candidate, final or fit, before),
         confirmed=told,
         adds_up=reference is not None and reference.adds_up,

@@ -199,9 +199,12 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
 
 def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
     short = [p for p in evidence.proofs if p.is_any_dynamics]
+    form = loads.form
+    nearest = _nearest_dynamics(evidence, short, form if loads.is_related else None)
+    if nearest is not None:
+        return _comes_near(evidence, nearest)
     if short:
         return _any_dynamics(evidence, short)
-    form = loads.form
     if form is not None and loads.is_related:
         return _no_law(evidence, loads, form) if loads.against_form else _unknown(evidence, loads, form)
     if _is_coloured(loads):
@@ -255,6 +258,32 @@ def _of_starts(evidence: Evidence, starts: Sequence[LoadStart]) -> Decided:
         f"Either {_listed(labels)} is missing, or {begun} acts: these data do not separate them ({would}).",
         again,
         proofs,
+    )
+
+
+def _nearest_dynamics(evidence: Evidence, short: Sequence[Proof], form: FreeForm | None) -> Proof | None:
+    """The likeliest lag or delay that leaves something dynamic, where that does away with most of the load
+    and is clearly likelier than those that are too `short` to be told apart and than a curve of the `form`
+    that the load follows; None where nothing is to be compared, or there is none."""
+    others = [p.delta_bic for p in short]
+    if form is not None:
+        others.append(2.0 * form.log_likelihood_gain)
+    if not others:
+        return None
+    near = [p for p in evidence.proofs if p.comes_near and p.explained >= GATES.min_explained]
+    best = max(near, key=lambda p: p.delta_bic, default=None)
+    return best if best is not None and best.delta_bic > max(others) + GATES.min_bic_gain else None
+
+
+def _comes_near(evidence: Evidence, near: Proof) -> Decided:
+    """A lag or a delay that does most of what is missing, and not all."""
+    return Decided(
+        "unknown effect",
+        f"Something dynamic is missing: {near.candidate.label} comes nearest ({told_values(near)}), but what "
+        f"it leaves still follows {'something' if near.left is None else near.left.label}."
+        + _errors(evidence, near)
+        + _importance(evidence, near),
+        WIDER_BAND,
     )
 
 

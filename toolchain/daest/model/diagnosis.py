@@ -282,6 +282,7 @@ class Proof:
     ahead: tuple[Ahead, ...] = ()
     is_open: bool = False  # rejected, though nothing speaks against it: the data may still mean it
     is_any_dynamics: bool = False  # rejected, since any lag or delay as short as that would do
+    comes_near: bool = False  # rejected, since what a lag or delay leaves is dynamic, too
     is_known: bool = True  # False: the data show too little of the law to tell it from any other
     confirmed: Confirmed = Confirmed()
     adds_up: bool = False
