@@ -271,6 +271,13 @@ def test_refused_data(cart, daest):
     assert not (cart / "results" / "diagnosis.json").exists()
 
 
+def test_long_recordings_are_told_how_to_come_to_an_answer_sooner(cart, daest, monkeypatch):
+    hint = "--resample 0.08 or a part (--to) first"
+    assert hint not in refusal(daest, "rub.csv", "--to", "4")
+    monkeypatch.setattr("daest.cli.diagnose.MANY_SAMPLES", 100)
+    assert hint in refusal(daest, "rub.csv", "--to", "4")
+
+
 def test_refused_cluster(cart, daest, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("daest.numerics.parallel.CONNECT_SECONDS", 0.5)

@@ -61,6 +61,8 @@ class Search:
 
 # Samples for estimation up to which recordings are diagnosed again as they are.
 MOST_AS_RECORDED = 50_000
+MANY_SAMPLES = 15_000  # for estimation, from which a hint tells how to come to an answer sooner, ...
+MANY_TIMES = 4  # ... at that many of the recordings' own periods
 AS_RECORDED = (
     "errors that stay correlated in time may come from the coarser period: diagnosed at the recordings' own"
 )
@@ -288,9 +290,15 @@ def _sufficient(
     period = sufficient_period(estimation, validation)
     if period is not None:  # only then are the modes worth their linearisation
         period = sufficient_period(estimation, validation, _natural_frequencies(flat))
-    if period is None:
-        return _Drive(estimation, validation, hold)
     own = estimation[0].period
+    if period is None:
+        n_samples = sum(e.n_samples for e in estimation)
+        if own is not None and n_samples > MANY_SAMPLES:
+            note(
+                f"{n_samples} samples: to refit a law that bends on so many may take minutes; try "
+                f"--resample {MANY_TIMES * own:.4g} or a part (--to) first"
+            )
+        return _Drive(estimation, validation, hold)
     remark = (
         f"nothing in the outputs moves as fast as the recordings are sampled ({own:.4g} s): diagnosed at "
         f"{period:.4g} s, behind an anti-alias filter (--resample {own:.4g} keeps them as they are)"
