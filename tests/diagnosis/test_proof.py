@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hidden_plants import library, model, quiet, rotor_record, rubbing, some_effects
 
+from daest.diagnosis import proof as proving
 from daest.diagnosis import settled as settling
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.clipping import Clip, clips_of, with_clipped_sensors
@@ -55,6 +56,27 @@ def screened():
     stand = rubbing()
     effects = some_effects("CoulombFriction", "QuadraticDrag")
     return screen(stand.null, run_null(stand.null), pairs(effects, sites(model())))
+
+
+def test_long_recordings_are_searched_in_parts_first(monkeypatch):
+    """Most of the way to the same end."""
+    stand, lengths = rubbing(), []
+    trial = next(t for t in trials(screened(), 1.0, 5) if t.candidate.effect.name == "CoulombFriction")
+    prepared = prepare(stand.null.flat, stand.null.estimated, trial)
+    found = proving.refitted
+
+    def watched(flat, explicit, names, null, **options):
+        lengths.append(sum(e.n_samples for e in null.experiments))
+        return found(flat, explicit, names, null, **options)
+
+    monkeypatch.setattr(proving, "refitted", watched)
+    whole = proving._refit(stand.null, prepared, reduce_index(prepared.flat), -np.inf, -np.inf).fit
+    n_samples, again = lengths[0], len(lengths)
+    monkeypatch.setattr(proving, "LONG", n_samples)
+    parted = proving._refit(stand.null, prepared, reduce_index(prepared.flat), -np.inf, -np.inf).fit
+    assert lengths[:again] == [n_samples] * again
+    assert lengths[again] == -(-n_samples // proving.SHORTER) and lengths[again + 1] == n_samples
+    assert parted.log_likelihood == pytest.approx(whole.log_likelihood, abs=0.1)
 
 
 @cache
