@@ -12,7 +12,7 @@ from daest.diagnosis import proof as proving
 from daest.diagnosis import settled as settling
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.clipping import Clip, clips_of, with_clipped_sensors
-from daest.diagnosis.course import _with_better_kinks, _with_second_tries
+from daest.diagnosis.course import _possible, _with_better_kinks, _with_second_tries
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.gates import GATES
@@ -56,6 +56,13 @@ def screened():
     stand = rubbing()
     effects = some_effects("CoulombFriction", "QuadraticDrag")
     return screen(stand.null, run_null(stand.null), pairs(effects, sites(model())))
+
+
+def test_sizes_of_what_was_not_refitted_are_possible_ones():
+    share, friction = (some_effects(name)[0] for name in ("AbsoluteValueSensor", "CoulombFriction"))
+    place = sites(model())[0]
+    for effect, size, told in ((share, 2327.0, 1.0), (friction, -0.3, 0.0), (friction, 2.0, 2.0)):
+        assert _possible(Trial(Candidate(effect, place, "e"), (size,), ())) == (told,)
 
 
 def test_long_recordings_are_searched_in_parts_first(monkeypatch):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.disturbance import SmoothedLoad
@@ -279,12 +280,21 @@ def _unproved(
                 equivalent=tuple(c.site.name for c in trial.alike),
                 score=0.0 if entry is None else entry.score,
                 p_value=1.0 if entry is None else entry.p_value,
-                sizes=trial.sizes,
+                sizes=_possible(trial),
                 reason=reason,
                 has_failed=name in broken,
             )
         )
     return tuple(sorted(result, key=lambda u: -u.score))
+
+
+def _possible(trial: Trial) -> tuple[float, ...]:
+    """The sizes by the screen, which knows no limits, within those that they can have."""
+    limits = [
+        (-inf if p.min is None else p.min, inf if p.max is None else p.max)
+        for p in trial.candidate.effect.sizes
+    ]
+    return tuple(min(max(size, low), high) for size, (low, high) in zip(trial.sizes, limits, strict=True))
 
 
 def _is_same(trial: Trial, candidate: Candidate) -> bool:
