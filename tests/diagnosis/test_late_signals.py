@@ -98,6 +98,21 @@ def test_late_heater_is_seen_beside_a_wall_that_drifts():
     (lag, *_) = found.lags
     assert lag.candidate.label == "Lag at P"
     assert 0.4 < lag.sizes[0] / 700.0 < 2.5
+    assert not lag.alike
+
+
+def test_signals_that_the_sensors_see_alike_are_one_trial():
+    """Two heaters that are always switched together."""
+    text = ROOM.replace(b"  input Real P", b'  input Real Q(unit = "W");\n  input Real P')
+    flat = compile_text(text.replace(b"P - G", b"P + Q - G"), Path("Room.mo"))
+    record = recorded(lag=700.0)
+    heat, outdoor = record.inputs.T
+    inputs = np.column_stack([0.4 * heat, 0.6 * heat, outdoor])
+    both = replace(record, inputs=inputs, input_names=("Q", "P", "Ta"))
+    null = fit_null(flat, load_sites(flat), [both], "zoh")
+    found = late_signals(null, run_null(null), pairs([find_effect("Signals.Lag")], sites(flat)))
+    (lag, *_) = found.lags
+    assert {lag.candidate.label, *(c.label for c in lag.alike)} == {"Lag at P", "Lag at Q"}
 
 
 def test_nothing_is_late():

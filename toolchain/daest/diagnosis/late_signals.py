@@ -75,20 +75,27 @@ def late_signals(null: Null, run: NullObserver, candidates: Sequence[Candidate])
 
 
 def _chosen(found: Screen, trial_of: Mapping[str, Trial]) -> LateSignals:
-    chosen: list[Trial] = []
+    kinds = [entry.candidate.effect.class_name for entry in found.entries]
+    chosen: dict[str, list[Trial]] = {LAG: [], DELAY: []}
     taken: set[int] = set()
     for i, entry in enumerate(found.entries):
-        if len(chosen) == MOST_LATE or entry.absorbed or entry.p_value > GATES.screen_level:
+        if len(chosen[LAG]) == MOST_LATE or entry.absorbed or entry.p_value > GATES.screen_level:
             break
         if i in taken or not _is_late(entry, trial_of):
             continue
         own = [j for j, other in enumerate(found.entries) if other.candidate.site == entry.candidate.site]
-        alike = [j for j in range(len(found.entries)) if _is_alike(found, i, j)]
+        alike = [j for j in range(len(kinds)) if _is_alike(found, i, j)]
         taken.update(own, alike)
-        lag = next((j for j in own if found.entries[j].candidate.effect.class_name == LAG), i)
-        chosen += [trial_of[found.entries[j].candidate.name] for j in dict.fromkeys((lag, i))]
-    lags = tuple(t for t in chosen if t.candidate.effect.class_name == LAG)
-    return LateSignals(lags, tuple(t for t in chosen if t not in lags))
+        lag = next((j for j in own if kinds[j] == LAG), i)
+        for j in dict.fromkeys((lag, i)):
+            trial = trial_of[found.entries[j].candidate.name]
+            places = {
+                found.entries[k].candidate.site.name: trial_of[found.entries[k].candidate.name].candidate
+                for k in range(len(kinds))
+                if k not in own and kinds[k] == kinds[j] and _is_alike(found, j, k)
+            }
+            chosen[kinds[j]].append(replace(trial, alike=tuple(places.values())))
+    return LateSignals(tuple(chosen[LAG]), tuple(chosen[DELAY]))
 
 
 def _is_late(entry: Screened, trial_of: Mapping[str, Trial]) -> bool:
