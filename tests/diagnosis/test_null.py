@@ -11,6 +11,7 @@ from hidden_plants import library, model, quiet, rotor_null, rotor_record, rubbi
 
 from daest.data.prepare import resample
 from daest.diagnosis import null as nulls
+from daest.diagnosis import stand as stands
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.examine import examine
@@ -340,3 +341,21 @@ def test_a_kept_screen_is_of_one_choice_of_holds():
         with pytest.raises(NotedError):
             examine(replace(stand, null=replace(stand.null, other_hold=other)), library(), options)
     assert parts[0][0] == parts[1][0] == "screen" and parts[0] != parts[1]
+
+
+def test_values_beside_which_no_load_can_be_fitted_leave_the_null_as_it_was(monkeypatch):
+    """A simulation that all but ends at zero mass: the parameters are not held there."""
+    record = rotor_record(1200, seed=2, coulomb=lambda phi: 0.15)[0]
+    monkeypatch.setattr(stands, "_simulated_better", lambda flat, null, reference: flat)
+    found, asked = fit_null, []
+
+    def refused(*given, **options):
+        asked.append(given)
+        if len(asked) > 1:
+            raise EstimationError("identify-no-start", "it cannot be simulated")
+        return found(*given, **options)
+
+    monkeypatch.setattr(stands, "fit_null", refused)
+    stand = begin(model(), [record], [], DiagnoseOptions(hold="zoh"))
+    assert len(asked) == 2
+    assert stand.null.estimated == ("J", "d") and stand.reference is not None

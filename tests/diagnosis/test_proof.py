@@ -338,6 +338,10 @@ def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
     assert any("far better" in p.reason and "it is shaky" in p.reason for p in (first, second))
     # What unseen data speak against stands in nobody's way.
     assert ranked([proof, replace(strong, is_open=False)])[0].verdict == "supported"
+    # What does most of it is, whatever its parameters are.
+    vague = replace(strong, is_open=False, is_vague=True)
+    assert ranked([proof, vague])[0].verdict == "rejected"
+    assert ranked([proof, replace(vague, explained=0.2)])[0].verdict == "supported"
     # Nor does what foresees unseen data clearly worse.
     told = strong.told
     seen = told.simulated["validation"]
@@ -629,6 +633,9 @@ def test_a_place_or_a_phase_is_not_known_by_being_off_zero():
 
     assert "mgr = 1.3" in unknown("Unbalance", mgr=(1.3, 4.1), phi_0=(3.07, 0.23))
     assert unknown("Unbalance", mgr=(1.3, 0.1), phi_0=(3.07, 0.23)) == ""
+    swing = {"J": (2.4, 3.9), "T": (57.0, 88.0), "zeta": (0.58, 0.11)}
+    assert "zeta" not in unknown("FlexibleAppendage", **swing) != ""
+    assert unknown("FlexibleAppendage", **{**swing, "T": (57.0, 2.0)}) == ""
     assert "p_max" in unknown("Overflow", k=(6.4, 4e5), p_max=(1.2e5, 1.8e4))
     assert unknown("Overflow", k=(6.4, 4e5), p_max=(4.9e4, 80.0)) == ""
 

@@ -157,7 +157,7 @@ def proof_of(
     told = Confirmed()
     is_open = is_curve = is_told = is_shown = False
     used = InUse()
-    unseen_form = ""
+    unseen_form = vague = ""
     before = null_fit if reference is None else reference.fit
     ahead_of_it = leader if fit.log_likelihood < hopeless else None
     ahead_of_it = ahead_of_it or _better_simpler(prepared, fit, delta_bic)
@@ -178,8 +178,8 @@ def proof_of(
         # A law that says all that the load has to do with any variable need not explain more of the load.
         says_all = form is not None and form.p_value < GATES.rest_level and gain >= form.log_likelihood_gain
         is_curve = says_all and explained >= GATES.min_curve_explained
-        undetermined = vanished(prepared.trial.candidate, final or fit)
-        undetermined = undetermined or not_determined(prepared.trial.candidate, final or fit, before)
+        vague = not_determined(prepared.trial.candidate, final or fit, before)
+        undetermined = vanished(prepared.trial.candidate, final or fit) or vague
         if not against and not undetermined:
             formless = without_form(with_effect, prepared.trial.candidate, final or fit)
             is_open = not formless
@@ -219,6 +219,7 @@ def proof_of(
         final=final,
         ahead=ahead,
         is_open=bool(reason) and is_open,
+        is_vague=bool(vague) and reason == vague,
         is_any_dynamics=bool(too_short) and reason == too_short,
         comes_near=bool(near) and reason == near,
         is_known=not unseen_form and not not_determined(prepared.trial.candidate, final or fit, before),

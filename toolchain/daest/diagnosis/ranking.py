@@ -57,9 +57,10 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
         worse = stronger.delta_bic - best.delta_bic
         better = f"{stronger.candidate.label} explains the data far better (BIC {worse:.0f})"
         reason = f"{better}, but {stronger.reason}"
-        return tuple(
+        refused = (
             p if p.verdict == "rejected" else replace(p, verdict="rejected", reason=reason) for p in order
         )
+        return tuple(sorted(refused, key=lambda p: -p.delta_bic))
     close = [p for p in accepted if _is_rival(p, best)]
     same = [p for p in accepted if p is not best and _is_same_equation(p, best)]
     close = [p for p in close if p not in same]
@@ -246,7 +247,9 @@ def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
 
 
 def _is_in_the_way(refused: Proof, best: Proof) -> bool:
-    if not refused.is_open or _ends_in_a_simpler_law(refused, best):
+    # What does most of what is missing is in the way of what does little of it, whichever law it stands for.
+    is_in_question = refused.is_open or (refused.is_vague and refused.explained >= GATES.min_explained)
+    if not is_in_question or _ends_in_a_simpler_law(refused, best):
         return False
     return _is_likelier_part(refused, best) or not _unseen_ratio(refused, best) < GATES.max_rival_error
 

@@ -90,11 +90,12 @@ def vanished(candidate: Candidate, told: FitResult) -> str:
 def not_determined(candidate: Candidate, told: FitResult, before: FitResult) -> str:
     """Why the law is not the one that the data show, where they determine none of its parameters: it then
     stands for any law that does the same in these data. Empty where at least one of them is known. A phase
-    says nothing alone: half a turn of it is another sign of the size. `before` is the fit without the law."""
+    says nothing alone: half a turn of it is another sign of the size; nor does a ratio, such as the damping
+    of what swings with an unknown mass and period. `before` is the fit without the law."""
     law = {
         f"{candidate.name}.{p.name}": p
         for p in candidate.effect.parameters
-        if p.role in ("size", "shape") and not _is_phase(p)
+        if p.role in ("size", "shape") and not _is_phase(p) and not _is_ratio(p)
     }
     own = [p for p in told.parameters if p.name in law]
     unknown = [
@@ -148,6 +149,12 @@ def _is_place(parameter: EffectParameter) -> bool:
 def _is_phase(parameter: EffectParameter) -> bool:
     """Whether a shape is an angle that counts from nowhere."""
     return parameter.role == "shape" and parameter.unit == "rad" and not parameter.scale_of
+
+
+def _is_ratio(parameter: EffectParameter) -> bool:
+    """Whether a shape is a pure number and no number of periods, which is seen where it is right."""
+    is_number = parameter.unit == "1" and not parameter.scale_of and not parameter.periods_over
+    return parameter.role == "shape" and is_number
 
 
 def _is_known(parameter: FittedParameter, declared: EffectParameter, certainty: float) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -97,10 +97,11 @@ def _fitted(
     baseline, reference = _told_fits(null, unseen_by(null))
     known = _simulated_better(flat, null, reference)
     if known is not None:
-        fixed = null_of(known)
-        again = _told_fits(fixed, unseen_by(fixed))
-        if again[1] is not None and not again[1].adds_up:
-            return fixed, *again
+        with suppress(*FAILURES):  # a simulation may end at values beside which no load can be fitted
+            fixed = null_of(known)
+            again = _told_fits(fixed, unseen_by(fixed))
+            if again[1] is not None and not again[1].adds_up:
+                return fixed, *again
     return null, baseline, reference
 
 
