@@ -26,10 +26,10 @@ from daest.diagnosis.candidates import attachable, attached, pairs, with_shapes
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import loads_of
 from daest.diagnosis.screen import (
-    _already_there,
     _followed,
     _responses,
     _without_sums,
+    already_there,
     nuisance,
     projected,
     promising_pairs,
@@ -235,10 +235,10 @@ def test_law_that_the_model_estimates_already_is_not_looked_for_again():
     (first, *_) = candidates("CoulombFriction")
     flat = attach(null.flat, first.effect, first.site, "rubs")
     held = replace(null, flat=flat)
-    assert set(_already_there(held, [first])) == {""}  # its values are given: others may be right
+    assert set(already_there(held, [first])) == {""}  # its values are given: others may be right
     size = replace(null.fit.parameters[0], name="rubs.tau_c")
     fitted = replace(held, fit=replace(null.fit, parameters=(*null.fit.parameters, size)))
-    assert _already_there(fitted, [first]) == ["the model contains it already: `rubs`"]
+    assert already_there(fitted, [first]) == ["the model contains it already: `rubs`"]
 
 
 @pytest.mark.parametrize("how", ["contained", "absorbed"])

@@ -100,7 +100,7 @@ class Course:
         fits = stages.dynamic(self.candidates)
         ahead, dynamic = stages.by_what_they_simulate(best_dynamic(null, in_time(fits)))
         late = late_signals(null, self.loads.run, self.candidates)
-        dynamic += stages.prepared(_untried(late.lags, [one.trial.candidate for one in dynamic]))
+        dynamic += stages.prepared(_untried(late.lags, [one.trial.candidate for one in (*ahead, *dynamic)]))
         proofs: list[Proof] = []
         for one in ahead:
             proofs += stages.proved([one], proofs)[0]
