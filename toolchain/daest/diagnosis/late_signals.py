@@ -113,8 +113,8 @@ def _is_alike(found: Screen, i: int, j: int) -> bool:
 def late_responses(
     null: Null, run: NullObserver, late: Sequence[Candidate], times: Sequence[float]
 ) -> np.ndarray:
-    """Responses (k, m) of the whitened innovations to each candidate, a lag or a dead time at a signal, at each
-    of the times [s]. Those of an output are of the one that the observer foresees."""
+    """Responses (k, m) of the whitened innovations to each candidate, a lag or a dead time at a signal, at
+    each of the times [s]. Those of an output are of the one that the observer foresees."""
     offset = find_effect("Signals.Offset")
     shifted = [replace(c, effect=offset, name=f"late_{i + 1}") for i, c in enumerate(late)]
     names = [name for c in shifted for name in size_names(c)]
