@@ -57,6 +57,6 @@ def test_a_record_of_each_kind(study):
 def test_the_file_is_one_that_the_study_writes(study):
     kept = json.loads((ROOT / "docs" / "black_box_rates.json").read_text(encoding="utf-8"))
     fresh = study.table([some_run(study, "nothing", "nothing missing")])
-    assert kept.keys() == fresh.keys()
+    assert kept.keys() - {"measured"} == fresh.keys()
     assert [case["case"] for case in kept["cases"]] == [case.name for case in study.CASES]
     assert sum(case["runs"] for case in kept["cases"]) == kept["n_runs"]
