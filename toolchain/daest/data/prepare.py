@@ -177,7 +177,7 @@ def _bands(experiment: Experiment) -> tuple[float, float]:
     """Frequencies [Hz] below which POWER, and STILL, of the power of the rate of every output lie; 0 where
     none moves."""
     assert experiment.period is not None
-    values = _bridged(experiment.outputs, ~np.isfinite(experiment.outputs))
+    values = bridged(experiment.outputs, ~np.isfinite(experiment.outputs))
     bands = [(0.0, 0.0)]
     for rate in np.diff(values, axis=0).T:
         if not np.any(rate):
@@ -355,7 +355,7 @@ def _filter_matrix(
 
 def _apply(weights: sp.csr_array, values: np.ndarray) -> np.ndarray:
     missing = ~np.isfinite(values)
-    result = np.asarray(weights @ _bridged(values, missing))
+    result = np.asarray(weights @ bridged(values, missing))
     if missing.any():
         lost = (
             np.asarray(abs(weights) @ missing.astype(float)) / np.asarray(abs(weights).sum(axis=1))[:, None]
@@ -364,8 +364,9 @@ def _apply(weights: sp.csr_array, values: np.ndarray) -> np.ndarray:
     return result
 
 
-def _bridged(values: np.ndarray, missing: np.ndarray) -> np.ndarray:
-    """Missing values replaced by linear interpolation, so that single gaps do not spread."""
+def bridged(values: np.ndarray, missing: np.ndarray) -> np.ndarray:
+    """`values` (n_samples, n) with those that are `missing`, of the same shape, replaced by linear
+    interpolation, so that single gaps do not spread; zeros where a column has none."""
     result = values.copy()
     for column, gaps in zip(result.T, missing.T, strict=True):
         if gaps.any() and not gaps.all():

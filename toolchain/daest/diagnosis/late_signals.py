@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from daest.data.prepare import bridged
 from daest.diagnosis.candidates import explicit_at_null
 from daest.diagnosis.dead_times import DELAY
 from daest.diagnosis.gates import GATES
@@ -31,6 +32,7 @@ from daest.diagnosis.trials import Trial
 from daest.model.diagnosis import Candidate, Screen, Screened
 from daest.model.effects import Site
 from daest.modelica.effects import find_effect
+from daest.numerics.recursions import varying_recursion
 from daest.systems.integrate import interval_inputs
 
 LAG = "Daest.Effects.Signals.Lag"
@@ -126,12 +128,11 @@ def late_responses(
             ends, shown = entries.of(range(i, i + 1))
             course = _course(null, run, number, candidate.site)
             behind = _lags if candidate.effect.class_name == LAG else _shifts
-            for late_course in behind(experiment.time, course, times):
-                change = late_course - course
-                whole = np.append(change[0], change[1, -1:])
-                drive, direct = ends * change[None, :, :, None], shown * whole[None, :, None]
-                rows.append(innovation_responses(run, number, experiment, drive, direct)[0])
-        parts.append(np.stack(rows))
+            changes = np.stack([*behind(experiment.time, course, times)]) - course
+            whole = np.concatenate([changes[:, 0], changes[:, 1, -1:]], axis=1)
+            drive, direct = ends * changes[..., None], shown * whole[..., None]
+            rows.append(innovation_responses(run, number, experiment, drive, direct))
+        parts.append(np.concatenate(rows))
     return np.concatenate(parts, axis=1)
 
 
@@ -144,30 +145,21 @@ def _course(null: Null, run: NullObserver, number: int, site: Site) -> np.ndarra
         return np.stack([end[:, column] for end in ends])
     column = [one.name for one in null.flat.outputs].index(site.name)
     error = run.observed[number].whitened @ np.linalg.inv(run.root).T
-    foreseen = _without_gaps(experiment.time, (experiment.outputs - error)[:, column])
+    foreseen = bridged(experiment.outputs - error, ~np.isfinite(experiment.outputs))[:, column]
     return np.stack([foreseen[:-1], foreseen[1:]])
-
-
-def _without_gaps(time: np.ndarray, signal: np.ndarray) -> np.ndarray:
-    known = np.isfinite(signal)
-    return np.interp(time, time[known], signal[known]) if known.any() else np.zeros_like(signal)
 
 
 def _lags(time: np.ndarray, course: np.ndarray, times: Sequence[float]) -> Iterator[np.ndarray]:
     """A signal (2, n_samples - 1) behind a first-order lag of each of the times, at both ends of all
     intervals as it is given there; it starts at rest."""
-    (start, end), T, steps = course, np.asarray(times), np.diff(time)
-    decay = np.exp(-steps[:, None] / T)
-    # T y' = u - y where u runs straight from u_0 to u_1 with slope s over h:
-    # y_1 = u_1 - s T + (y_0 - u_0 + s T) exp(-h / T).
-    ahead = ((end - start) / steps)[:, None] * T
-    found = np.empty((2, start.size, T.size))
-    value = np.full(T.size, start[0])
-    for k in range(start.size):
-        found[0, k] = value
-        value = end[k] - ahead[k] + (value - start[k] + ahead[k]) * decay[k]
-        found[1, k] = value
-    yield from np.moveaxis(found, -1, 0)
+    (start, end), steps = course, np.diff(time)
+    for T in times:
+        # T y' = u - y where u runs straight from u_0 to u_1 with slope s over h:
+        # y_1 = u_1 - s T + (y_0 - u_0 + s T) exp(-h / T).
+        decay, ahead = np.exp(-steps / T), (end - start) / steps * T
+        drive = end - ahead + (ahead - start) * decay
+        value = varying_recursion(decay[:, None, None], drive[None, :, None], start[0])[0, :, 0]
+        yield np.stack([value[:-1], value[1:]])
 
 
 def _shifts(time: np.ndarray, course: np.ndarray, times: Sequence[float]) -> Iterator[np.ndarray]:

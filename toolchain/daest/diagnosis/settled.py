@@ -65,7 +65,7 @@ def settled(
         return None
     if not is_rough:
         given = _given(null)
-        if _is_flat(found.fit, given):
+        if _leaves_open(found.fit, given):
             again = replace(explicit, flat=started.with_theta(given))
             other = _found(null, again.flat, again, names, experiments, is_rough)
             if other is not None and other.fit.log_likelihood > found.fit.log_likelihood:
@@ -163,7 +163,11 @@ def _given(null: Null) -> dict[str, float]:
 def _is_flat(end: FitResult, names: Collection[str]) -> bool:
     """Whether a search has come to no end, or to one where the data leave a parameter of the model open: it
     may lie anywhere along a valley, and is looked for from the values that the user gave, too."""
-    return end.status != "converged" or any(
+    return end.status != "converged" or _leaves_open(end, names)
+
+
+def _leaves_open(end: FitResult, names: Collection[str]) -> bool:
+    return any(
         p.std_error is None or p.std_error > GATES.open_parameter * abs(p.value)
         for p in end.parameters
         if p.name in names

@@ -25,6 +25,7 @@ from daest.diagnosis.unseen import adds_up, foreseen
 from daest.errors import EstimationError
 from daest.estimation.identify import identify
 from daest.estimation.records import part_of
+from daest.estimation.setup import is_constant
 from daest.model.diagnosis import Diagnosis, Proof, VerdictName
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
@@ -275,7 +276,8 @@ def _divided(
             remedy=f"record at least {2 * GATES.min_samples} samples (half are kept for validation) that "
             "move the machine through its whole range, in both directions and through rest",
         )
-    if not any(np.any(_moving(e)) for e in experiments):
+    signals = [y[np.isfinite(y)] for e in experiments for y in e.outputs.T]
+    if all(is_constant(y) for y in signals if y.size):
         names = ", ".join(f"`{name}`" for name in experiments[0].output_names)
         raise EstimationError(
             "diagnose-unseen",
@@ -284,10 +286,3 @@ def _divided(
             "daest check tells what is wrong with them",
         )
     return experiments, validation
-
-
-def _moving(experiment: Experiment) -> np.ndarray:
-    """Which outputs (n_y,) have more than one value."""
-    known = np.isfinite(experiment.outputs)
-    first = np.where(known, experiment.outputs, np.inf).min(axis=0)
-    return np.any(known & (experiment.outputs != first), axis=0)

@@ -86,7 +86,7 @@ def check_records(family: StateSpaceFamily, records: Sequence[Experiment], n_unk
             remedy="use a longer recording, or estimate fewer parameters",
         )
     n_inputs = len(family.inputs)
-    is_still = n_inputs and all(_is_constant(r.inputs[:, j]) for r in records for j in range(n_inputs))
+    is_still = n_inputs and all(is_constant(r.inputs[:, j]) for r in records for j in range(n_inputs))
     if is_still and not any(_settles(r.outputs) for r in records):
         names = ", ".join(v.name for v in family.inputs)
         raise EstimationError(
@@ -142,7 +142,8 @@ def no_start(reason: str = "") -> EstimationError:
     )
 
 
-def _is_constant(signal: np.ndarray) -> bool:
+def is_constant(signal: np.ndarray) -> bool:
+    """Whether a signal (n_samples,) has one value, but for rounding."""
     return float(np.ptp(signal)) <= FIT.constant_input * float(np.max(np.abs(signal), initial=0.0))
 
 

@@ -427,10 +427,11 @@ class Network:
         """Whether the node of `a` is held at a constant potential, or that of `b` by a component of one
         connector, as by ground. A tank that is filled from above holds the pressure at its inlet, too, but
         keeps what flows in."""
-        return a in self._held or b in self._grounds
+        return a in self.held or b in self._grounds
 
     @cached_property
-    def _held(self) -> frozenset[str]:
+    def held(self) -> frozenset[str]:
+        """The connectors of the nodes whose potential a component holds constant."""
         nodes = self._members().values()
         return frozenset(name for node in nodes if self.is_held(node) for name in node)
 
@@ -513,11 +514,10 @@ def _pairs(net: Network) -> list[Site]:
     joins."""
     joined = {frozenset(net.node_of(c) for c in site.connectors) for site in net.components()}
     nodes = [node for node in net.all_nodes() if node.domain in _PAIRED]
-    held = {node.name for node in nodes if net.is_held(node.connectors)}
     found: list[Site] = []
     for a, b in combinations(nodes, 2):
         ends = frozenset((net.node_of(a.name), net.node_of(b.name)))
-        if a.domain == b.domain and ends not in joined and not {a.name, b.name} <= held:
+        if a.domain == b.domain and ends not in joined and not {a.name, b.name} <= net.held:
             pair = (a.name, b.name)
             grounded = net.is_grounded(*pair)
             found.append(Site(", ".join(pair), "pair", a.domain, pair, is_grounded=grounded))

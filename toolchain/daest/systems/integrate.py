@@ -195,12 +195,11 @@ class EquationIntegrator(Integrator):
 
 
 @dataclass(frozen=True)
-class AffineIntegrator(Integrator):
-    """A model with affine dynamics, by exact steps; `stepped` takes the runs that these do not serve."""
+class ExactIntegrator(Integrator):
+    """A model of which all or a part takes exact steps; `stepped` takes the runs that these do not serve."""
 
     explicit: ExplicitModel
     names: tuple[str, ...]
-    family: StateSpaceFamily
 
     def __reduce__(self) -> tuple:
         return _again, (self.explicit, self.names, True)
@@ -208,6 +207,13 @@ class AffineIntegrator(Integrator):
     @cached_property
     def stepped(self) -> EquationIntegrator:
         return _stepping(self.explicit, self.names, compiled=True, runs_once=False)
+
+
+@dataclass(frozen=True)
+class AffineIntegrator(ExactIntegrator):
+    """A model with affine dynamics, by exact steps."""
+
+    family: StateSpaceFamily
 
     def trajectory(self, run: Run) -> Trajectory:
         if not _has_exact_steps(run):
@@ -219,23 +225,13 @@ class AffineIntegrator(Integrator):
 
 
 @dataclass(frozen=True)
-class ChainIntegrator(Integrator):
+class ChainIntegrator(ExactIntegrator):
     """A model with a chain of states that inputs alone drive, which takes exact steps; the functions of
-    `beside` are those of the rest, for the parameters of `begun`, which begin with `names`. `stepped` takes
-    the runs that these do not serve."""
+    `beside` are those of the rest, for the parameters of `begun`, which begin with `names`."""
 
-    explicit: ExplicitModel
-    names: tuple[str, ...]
     chain: DrivenChain
     beside: EquationIntegrator
     begun: tuple[str, ...]
-
-    def __reduce__(self) -> tuple:
-        return _again, (self.explicit, self.names, True)
-
-    @cached_property
-    def stepped(self) -> EquationIntegrator:
-        return _stepping(self.explicit, self.names, compiled=True, runs_once=False)
 
     def trajectory(self, run: Run) -> Trajectory:
         if not _has_driven_chain(self.chain, run):
@@ -734,8 +730,12 @@ def _has_exact_steps(run: Run) -> bool:
     is_gapless = run.correction is None or (
         run.correction.gain.ndim == 2 and bool(np.all(np.isfinite(run.correction.measurements)))
     )
-    intervals = np.diff(run.time)
-    return is_gapless and bool(np.ptp(intervals) <= SOLVER.equal_steps * intervals.mean())
+    return is_gapless and _has_equal_steps(run.time)
+
+
+def _has_equal_steps(time: np.ndarray) -> bool:
+    intervals = np.diff(time)
+    return bool(np.ptp(intervals) <= SOLVER.equal_steps * intervals.mean())
 
 
 def _run_exactly(model: AffineIntegrator, run: Run) -> Trajectory:
@@ -770,8 +770,7 @@ def _has_driven_chain(chain: DrivenChain, run: Run) -> bool:
             least = SOLVER.uncorrected * np.max(moved, initial=0.0)
             if np.max(moved[:, chain.members], initial=0.0) > least:
                 return False
-    intervals = np.diff(run.time)
-    return bool(np.ptp(intervals) <= SOLVER.equal_steps * intervals.mean())
+    return _has_equal_steps(run.time)
 
 
 def _run_beside_chain(model: ChainIntegrator, run: Run) -> Trajectory:
