@@ -128,6 +128,16 @@ def test_external_load_is_no_effect(seed):
     assert found.verdict in ("external disturbance", "nothing missing") and not accepted(found)
 
 
+def test_constant_load_is_named_where_nothing_holds_the_angle():
+    # A slow load takes it, so that one sample ahead the innovations show nothing.
+    found = diagnosed(rotor_record(800, seed=14, torque=lambda w, phi: -0.05)[0])
+    assert found.verdict == "supported" and accepted(found) == {"ConstantLoad"}
+    torque = next(p for p in found.proofs[0].fit.parameters if p.name.endswith("tau_0"))
+    assert abs(torque.value - 0.05) < 3.5 * torque.std_error < 0.025
+    entry = next(e for e in found.screen.entries if e.candidate.effect.name == "ConstantLoad")
+    assert entry.p_value > 0.05
+
+
 @pytest.mark.slow
 def test_strong_white_torque_is_no_effect():
     found = diagnosed(rotor_record(1200, seed=13, noise=30e-4)[0])
