@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -139,95 +140,207 @@ def proof_of(
     reference: Reference | None = None,
 ) -> Proof:
     """The judgement of a candidate whose search has ended; arguments and errors as those of `prove`."""
-    prepared, explicit, experiments = found.prepared, found.explicit, found.experiments
-    refit, gain, hopeless = found.refit, found.gain, least_hope(leader, prepared.trial.candidate)
-    fed, fit = replace(null, experiments=experiments), found.refit.fit
-    n_own = prepared.n_unknowns(null.estimated)
-    delta_bic = bic_gain(gain, n_own, null)
-    with_effect = grown(fed, prepared.flat, explicit, fit, experiments)
-    # Without a load the observer waits until the gates that need none are passed.
-    after = None if load is None else run_null(with_effect)
-    explained = _explained(null_fit, with_effect, after, load)
-    p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(gain, 0.0), n_own)))
-    reason = without_evidence(gain, delta_bic, p_value, n_screened)
-    if fit.log_likelihood < prepared.useless:
-        reason = reason or "the same law, started otherwise, explains the data better"
+    judge = _Judge(null, null_fit, found, tuple(validation), run, load, n_screened, leader, form, reference)
+    return judge.proof()
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What the gates say of a law before what it leaves is looked at: the first `reason` against it, empty
+    where there is none, and on what it stands. `final` are the estimates without loads, `vague` why the data
+    determine none of its parameters, `unseen_form` why they show too little of its form."""
+
+    reason: str
+    fit: FitResult
     final: FitResult | None = None
     ahead: tuple[Ahead, ...] = ()
-    told = Confirmed()
-    is_open = is_curve = is_told = is_shown = False
-    used = InUse()
-    unseen_form = vague = ""
-    before = null_fit if reference is None else reference.fit
-    ahead_of_it = leader if fit.log_likelihood < hopeless else None
-    ahead_of_it = ahead_of_it or _better_simpler(prepared, fit, delta_bic)
-    if not reason and ahead_of_it is not None:
-        final, ahead, reason = _in_brief(fed, refit, prepared, explicit, validation, ahead_of_it, reference)
-    if not reason:
-        after = after or run_null(with_effect)
-        if reference is not None and validation:
-            told = confirmed(reference.innovations, innovations(after, validation))
-        final, ahead, against, is_told = _on_unseen(
-            fed, refit, prepared, explicit, told, validation, reference
+    confirmed: Confirmed = field(default_factory=Confirmed)
+    in_use: InUse = field(default_factory=InUse)
+    ratios: tuple[float, ...] = ()
+    vague: str = ""
+    unseen_form: str = ""
+    is_open: bool = False
+    is_told: bool = False
+    is_curve: bool = False
+    is_shown: bool = False
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """A candidate whose search has ended, and what it is judged by: the arguments of `proof_of`."""
+
+    null: Null
+    null_fit: FitResult
+    found: Searched
+    validation: tuple[Experiment, ...]
+    run: NullObserver
+    load: SmoothedLoad | None
+    n_screened: int
+    leader: Proof | None
+    form: FreeForm | None
+    reference: Reference | None
+
+    @property
+    def prepared(self) -> Prepared:
+        return self.found.prepared
+
+    @property
+    def candidate(self) -> Candidate:
+        return self.prepared.trial.candidate
+
+    @cached_property
+    def fed(self) -> Null:
+        """The null with the signals that the effect needs."""
+        return replace(self.null, experiments=self.found.experiments)
+
+    @cached_property
+    def with_effect(self) -> Null:
+        prepared, found = self.prepared, self.found
+        return grown(self.fed, prepared.flat, found.explicit, found.refit.fit, found.experiments)
+
+    @cached_property
+    def observer(self) -> NullObserver:
+        """That of the model with the effect."""
+        return run_null(self.with_effect)
+
+    @cached_property
+    def explained(self) -> float:
+        """Share of the loads that is gone."""
+        after = None if self.load is None else self.observer
+        return _explained(self.null_fit, self.with_effect, after, self.load)
+
+    @cached_property
+    def n_own(self) -> int:
+        return self.prepared.n_unknowns(self.null.estimated)
+
+    @cached_property
+    def delta_bic(self) -> float:
+        return bic_gain(self.found.gain, self.n_own, self.null)
+
+    @cached_property
+    def p_value(self) -> float:
+        chance = self.n_screened * chi2.sf(2.0 * max(self.found.gain, 0.0), self.n_own)
+        return float(min(1.0, chance))
+
+    def proof(self) -> Proof:
+        found, candidate, explained = self.found, self.candidate, self.explained
+        told = self._unlikely() or self._in_brief() or self._gated()
+        left = None if told.reason else _left(self.null, self.with_effect, self.observer)
+        reason, near, too_short = (told.reason, "", "") if left is None else self._against_rest(told, left)
+        vague = told.vague or not_determined(candidate, told.final or told.fit, self._before)
+        return Proof(
+            candidate=candidate,
+            flat=self.prepared.flat.with_theta(told.fit.theta),
+            fit=told.fit,
+            delta_log_likelihood=found.gain,
+            delta_bic=self.delta_bic,
+            p_value=self.p_value,
+            explained=explained,
+            equivalent=tuple(c.site.name for c in self.prepared.trial.alike),
+            not_separable_from=(),
+            verdict="rejected" if reason else "supported",
+            reason=reason,
+            left=left,
+            final=told.final,
+            ahead=told.ahead,
+            is_open=bool(reason) and told.is_open,
+            is_vague=bool(told.vague) and reason == told.vague,
+            is_any_dynamics=bool(too_short) and reason == too_short,
+            comes_near=bool(near) and reason == near,
+            is_known=not told.unseen_form and not vague,
+            confirmed=told.confirmed,
+            adds_up=self.reference is not None and self.reference.adds_up,
+            in_use=told.in_use,
+            is_shown=told.is_shown,
         )
-        fit = fit if final else refit.simulated(validation)
+
+    @property
+    def _before(self) -> FitResult:
+        """The fit of the model as it is, without loads where there is one."""
+        return self.null_fit if self.reference is None else self.reference.fit
+
+    def _unlikely(self) -> _Told | None:
+        """Refused by the likelihood of the recordings; None where that speaks for the law."""
+        fit = self.found.refit.fit
+        reason = without_evidence(self.found.gain, self.delta_bic, self.p_value, self.n_screened)
+        if fit.log_likelihood < self.prepared.useless:
+            reason = reason or "the same law, started otherwise, explains the data better"
+        return _Told(reason, self.found.refit.simulated(self.validation)) if reason else None
+
+    def _in_brief(self) -> _Told | None:
+        """Refused beside a likelier law; None where there is none, or this one may be a rival of it."""
+        fit = self.found.refit.fit
+        likelier = self.leader if fit.log_likelihood < least_hope(self.leader, self.candidate) else None
+        likelier = likelier or _better_simpler(self.prepared, fit, self.delta_bic)
+        if likelier is None:
+            return None
+        final, ahead, reason = _in_brief(
+            self.fed, self.found.refit, self.prepared, self.found.explicit,
+            self.validation, likelier, self.reference,
+        )  # fmt: skip
+        return _Told(reason, fit, final, ahead) if reason else None
+
+    def _gated(self) -> _Told:
+        """By unseen data, by what the data determine of the law, and by what it says of the load."""
+        candidate, prepared, explicit = self.candidate, self.prepared, self.found.explicit
+        refit, reference = self.found.refit, self.reference
+        told = Confirmed()
+        if reference is not None and self.validation:
+            told = confirmed(reference.innovations, innovations(self.observer, self.validation))
+        final, ahead, against, is_told = _on_unseen(
+            self.fed, refit, prepared, explicit, told, self.validation, reference
+        )
+        fit = refit.fit if final else refit.simulated(self.validation)
+        last, used, is_shown = final or fit, InUse(), False
         if reference is not None and not against:
-            used = _in_use(fed, prepared, explicit, final, validation, reference)
-            is_shown = speaks_for(used, n_own)
-        ratios = error_ratios((reference.fit if reference else null_fit).simulated, (final or fit).simulated)
-        # A law that says all that the load has to do with any variable need not explain more of the load.
-        says_all = form is not None and form.p_value < GATES.rest_level and gain >= form.log_likelihood_gain
-        is_curve = says_all and explained >= GATES.min_curve_explained
-        vague = not_determined(prepared.trial.candidate, final or fit, before)
-        undetermined = vanished(prepared.trial.candidate, final or fit) or vague
+            used = _in_use(self.fed, prepared, explicit, final, self.validation, reference)
+            is_shown = speaks_for(used, self.n_own)
+        ratios = tuple(
+            error_ratios((reference.fit if reference else self.null_fit).simulated, last.simulated)
+        )
+        vague = not_determined(candidate, last, self._before)
+        undetermined = vanished(candidate, last) or vague
+        is_open, unseen_form = False, ""
         if not against and not undetermined:
-            formless = without_form(with_effect, prepared.trial.candidate, final or fit)
+            formless = without_form(self.with_effect, candidate, last)
             is_open = not formless
-            unseen_form = formless or out_of_reach(with_effect, prepared.trial.candidate, final or fit)
+            unseen_form = formless or out_of_reach(self.with_effect, candidate, last)
         reason = against or undetermined or unseen_form
-        reason = reason or weak(prepared, final if is_shown and final else fit, before)
-        alone = grown(fed, prepared.flat, explicit, final or fit, experiments)
-        reason = reason or undriven(alone) or _of_its_start(null, alone, prepared.trial.candidate, reference)
-        if not reason and not is_curve and not is_told and not is_shown:
-            reason = unexplained(explained, ratios)
-    elif final is None:
-        fit = refit.simulated(validation)
-    left = None if reason else _left(null, with_effect, after or run_null(with_effect))
-    near = too_short = ""
-    if left is not None:
-        if prepared.trial.candidate.is_dynamic:
+        reason = reason or weak(prepared, final if is_shown and final else fit, self._before)
+        alone = grown(self.fed, prepared.flat, explicit, last, self.found.experiments)
+        reason = reason or undriven(alone) or _of_its_start(self.null, alone, candidate, reference)
+        if not reason and not self._says_all and not is_told and not is_shown:
+            reason = unexplained(self.explained, ratios)
+        return _Told(
+            reason, fit, final, ahead, told, used, ratios, vague, unseen_form,
+            is_open, is_told, self._says_all, is_shown,
+        )  # fmt: skip
+
+    @property
+    def _says_all(self) -> bool:
+        """Whether the law says all that the load has to do with any variable: it need not explain more of it
+        than a part."""
+        form = self.form
+        says_all = (
+            form is not None
+            and form.p_value < GATES.rest_level
+            and self.found.gain >= form.log_likelihood_gain
+        )
+        return says_all and self.explained >= GATES.min_curve_explained
+
+    def _against_rest(self, told: _Told, left: FreeForm) -> tuple[str, str, str]:
+        """Why the law is not the right one by what it leaves, all reasons empty where it is: the reason that
+        counts, that a law with states only comes near, and that a lag is too short to be told."""
+        gain, reason, near, too_short = self.found.gain, "", "", ""
+        if self.candidate.is_dynamic:
             reason = near = other_dynamics(left, gain)
-            too_short = "" if reason else lag_too_short(null, prepared.trial.candidate, fit)
+            too_short = "" if reason else lag_too_short(self.null, self.candidate, told.fit)
             reason = reason or too_short
-        if is_curve and not is_told and not is_shown and _is_much_left(left, gain):
-            reason = unexplained(explained, ratios)
-        if not reason and not _is_most_of_it(explained, ratios, is_told, gain, left):
-            reason = wrong_law(null, run, prepared, fit, gain, left)
-    return Proof(
-        candidate=prepared.trial.candidate,
-        flat=prepared.flat.with_theta(fit.theta),
-        fit=fit,
-        delta_log_likelihood=gain,
-        delta_bic=delta_bic,
-        p_value=p_value,
-        explained=explained,
-        equivalent=tuple(c.site.name for c in prepared.trial.alike),
-        not_separable_from=(),
-        verdict="rejected" if reason else "supported",
-        reason=reason,
-        left=left,
-        final=final,
-        ahead=ahead,
-        is_open=bool(reason) and is_open,
-        is_vague=bool(vague) and reason == vague,
-        is_any_dynamics=bool(too_short) and reason == too_short,
-        comes_near=bool(near) and reason == near,
-        is_known=not unseen_form and not not_determined(prepared.trial.candidate, final or fit, before),
-        confirmed=told,
-        adds_up=reference is not None and reference.adds_up,
-        in_use=used,
-        is_shown=is_shown,
-    )
+        if told.is_curve and not told.is_told and not told.is_shown and _is_much_left(left, gain):
+            reason = unexplained(self.explained, told.ratios)
+        if not reason and not _is_most_of_it(self.explained, told.ratios, told.is_told, gain, left):
+            reason = wrong_law(self.null, self.run, self.prepared, told.fit, gain, left)
+        return reason, near, too_short
 
 
 def _of_its_start(null: Null, model: Null, candidate: Candidate, reference: Reference | None) -> str:
