@@ -10,6 +10,7 @@ import numpy as np
 
 from daest.diagnosis.null import fit_null
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.proof import proof_of, searched
 from daest.diagnosis.screen import run_null
 from daest.diagnosis.stand import begin, without_noises
 from daest.model.experiment import Experiment
@@ -103,3 +104,9 @@ def rubbing():
     """Stand (baseline refitted) of a record with Coulomb friction of 0.15 N.m, with validation data."""
     whole, _ = rotor_record(1200, seed=2, coulomb=lambda phi: 0.15)
     return begin(model(), [whole], [], DiagnoseOptions(hold="zoh"))
+
+
+def prove(null, null_fit, prepared, experiments, validation, run, load, n_screened=1, **words):
+    """The refit of one candidate on the experiments, judged."""
+    found = searched(null, null_fit, prepared, experiments, words.get("leader"))
+    return proof_of(null, null_fit, found, validation, run, load, n_screened, **words)

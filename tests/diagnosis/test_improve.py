@@ -5,13 +5,12 @@ from functools import cache
 from types import SimpleNamespace
 
 import pytest
-from hidden_plants import library, model, rubbing, some_effects
+from hidden_plants import library, model, prove, rubbing, some_effects
 
 from daest.diagnosis import improve as improving
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.proof import prove
 from daest.diagnosis.rounds import proved_again
 from daest.diagnosis.screen import run_null
 from daest.diagnosis.trials import Trial, prepare

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden_plants import library, model, quiet, rotor_record, rubbing, some_effects
+from hidden_plants import library, model, prove, quiet, rotor_record, rubbing, some_effects
 
 from daest.diagnosis import proof as proving
 from daest.diagnosis import settled as settling
@@ -18,7 +18,7 @@ from daest.diagnosis.free_forms import covers, free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import grown
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.proof import _is_much_left, prove, with_steady_error
+from daest.diagnosis.proof import _is_much_left, with_steady_error
 from daest.diagnosis.ranking import _ends_in_a_simpler_law, best_accepted, least_hope, ranked
 from daest.diagnosis.reasons import (
     _certainty,

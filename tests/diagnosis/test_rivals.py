@@ -7,13 +7,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden_plants import library, model, rubbing, some_effects
+from hidden_plants import library, model, prove, rubbing, some_effects
 from scipy.signal import lfilter
 
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.null import fit_null
-from daest.diagnosis.proof import prove
 from daest.diagnosis.ranking import could_compete
 from daest.diagnosis.rivals import (
     dynamic_trials,

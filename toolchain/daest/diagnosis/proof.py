@@ -74,31 +74,6 @@ class Reference:
     simulated: Simulated | None = None
 
 
-def prove(
-    null: Null,
-    null_fit: FitResult,
-    prepared: Prepared,
-    experiments: Sequence[Experiment],
-    validation: Sequence[Experiment],
-    run: NullObserver,
-    load: SmoothedLoad | None,
-    n_screened: int = 1,
-    leader: Proof | None = None,
-    form: FreeForm | None = None,
-    reference: Reference | None = None,
-) -> Proof:
-    """Refit one candidate and judge it against the null refitted the same way, and by unseen data against the
-    `reference`. The `leader` is the best supported candidate so far: one that is far behind it, and does not
-    simulate unseen data better, is judged in brief.
-
-    `run` is the null's observer, `load` its largest load and `form` the curve that it follows best;
-    `experiments` are the null's with the signals that the effect needs; `n_screened` candidates were
-    searched. Raises what `refit` raises.
-    """
-    found = searched(null, null_fit, prepared, experiments, leader)
-    return proof_of(null, null_fit, found, validation, run, load, n_screened, leader, form, reference)
-
-
 @dataclass(frozen=True)
 class Searched:
     """The end of the search for one candidate, on the `experiments` that feed its effect, and its `gain` in
@@ -118,7 +93,8 @@ def searched(
     experiments: Sequence[Experiment],
     leader: Proof | None = None,
 ) -> Searched:
-    """The refit of one candidate, as `prove` judges it. Raises what `refit` raises."""
+    """The refit of one candidate on `experiments`, the null's with the signals that the effect needs, pursued no
+    further where it falls far behind the `leader`. Raises what `refit` raises."""
     explicit = prepared.reduced()
     fed = replace(null, experiments=tuple(experiments))
     hopeless = least_hope(leader, prepared.trial.candidate)
@@ -139,7 +115,13 @@ def proof_of(
     form: FreeForm | None = None,
     reference: Reference | None = None,
 ) -> Proof:
-    """The judgement of a candidate whose search has ended; arguments and errors as those of `prove`."""
+    """The judgement of a candidate whose search has ended: against the null refitted the same way, and by
+    unseen data against the `reference`. The `leader` is the best supported candidate so far: one that is far
+    behind it, and does not simulate unseen data better, is judged in brief.
+
+    `run` is the null's observer, `load` its largest load and `form` the curve that it follows best;
+    `n_screened` candidates were searched. Raises what the observer raises.
+    """
     judge = _Judge(null, null_fit, found, tuple(validation), run, load, n_screened, leader, form, reference)
     return judge.proof()
 
@@ -274,11 +256,38 @@ class _Judge:
         likelier = likelier or _better_simpler(self.prepared, fit, self.delta_bic)
         if likelier is None:
             return None
-        final, ahead, reason = _in_brief(
-            self.fed, self.found.refit, self.prepared, self.found.explicit,
-            self.validation, likelier, self.reference,
-        )  # fmt: skip
+        final, ahead, reason = self._beside(likelier)
         return _Told(reason, fit, final, ahead) if reason else None
+
+    def _beside(self, leader: Proof) -> tuple[FitResult | None, tuple[Ahead, ...], str]:
+        """A first pass without coloured loads, what it does to the prediction of unseen data, and why a
+        candidate that is far less likely than the `leader` is no rival of it by unseen data either
+        (`_unseen_ratio`); None and empty where it may be one."""
+        null, refit, reference, validation = self.fed, self.found.refit, self.reference, self.validation
+        if reference is None or not validation:
+            return None, (), ""
+        flat, explicit = self.prepared.flat, self.found.explicit
+        found = settled(null, refit.fit, flat, explicit, null.experiments, validation, is_rough=True)
+        if found is None:
+            return None, (), ""
+        rough, observer = found
+        ahead: tuple[Ahead, ...] = ()
+        if leader.adds_up:
+            ahead = compared(reference.foreseen, foreseen(observer, validation), period_of(null.experiments))
+            errors = ahead_of(leader.ahead, ahead)
+            may_be_rival = not errors or errors[max(errors)] < 1.0
+        else:
+            ratios = error_ratios(leader.told.simulated, rough.simulated)
+            is_worse_in_one = max(ratios, default=0.0) > 1.0 + GATES.clear_unseen_error
+            may_be_rival = not ratios or (not is_worse_in_one and float(np.mean(np.square(ratios))) < 1.0)
+        if may_be_rival:
+            return None, (), ""
+        behind = leader.fit.log_likelihood - refit.fit.log_likelihood
+        if behind < 0.0:
+            return rough, ahead, f"{leader.candidate.label} says nearly as much with fewer parameters"
+        much = "far better" if behind > GATES.hopeless_log_likelihood else "better with fewer parameters"
+        reason = f"{leader.candidate.label} explains the data {much} (log-likelihood {behind:.0f})"
+        return rough, ahead, reason
 
     def _gated(self) -> _Told:
         """By unseen data, by what the data determine of the law, and by what it says of the load."""
@@ -287,9 +296,7 @@ class _Judge:
         told = Confirmed()
         if reference is not None and self.validation:
             told = confirmed(reference.innovations, innovations(self.observer, self.validation))
-        final, ahead, against, is_told = _on_unseen(
-            self.fed, refit, prepared, explicit, told, self.validation, reference
-        )
+        final, ahead, against, is_told = self._on_unseen(told)
         fit = refit.fit if final else refit.simulated(self.validation)
         last, used, is_shown = final or fit, InUse(), False
         if reference is not None and not against:
@@ -315,6 +322,30 @@ class _Judge:
             reason, fit, final, ahead, told, used, ratios, vague, unseen_form,
             is_open, is_told, self._says_all, is_shown,
         )  # fmt: skip
+
+    def _on_unseen(self, told: Confirmed) -> tuple[FitResult | None, tuple[Ahead, ...], str, bool]:
+        """The estimates without coloured loads, what they do to the prediction of unseen data, why these
+        speak against the effect (empty where they do not), and whether most of the error is gone."""
+        null, refit, reference, validation = self.fed, self.found.refit, self.reference, self.validation
+        if reference is None or not validation:
+            return None, (), "", False
+        flat, explicit = self.prepared.flat, self.found.explicit
+        found = settled(null, refit.fit, flat, explicit, null.experiments, validation)
+        if found is None:
+            simulation = refit.simulated(validation)
+            against, _, is_told = judged((), reference.fit, simulation, reference.adds_up, told)
+            return None, (), against, is_told
+        white, observer = found
+        ahead = compared(reference.foreseen, foreseen(observer, validation), period_of(null.experiments))
+        if reference.adds_up or any(is_worse(one) for one in ahead):
+            final = white
+        else:
+            final = simulated(null, white, flat, null.experiments, validation, refit)
+        against, _, is_told = judged(ahead, reference.fit, final, reference.adds_up, told)
+        if against and not reference.adds_up and not any(is_worse(one) for one in ahead):
+            steady = _steady_ratio(null, flat, explicit, final, validation, reference)
+            against, _, is_told = judged(ahead, reference.fit, final, False, told, steady)
+        return final, ahead, against, is_told
 
     @property
     def _says_all(self) -> bool:
@@ -447,43 +478,6 @@ def by_simulation(
     )
 
 
-def _in_brief(
-    null: Null,
-    refit: Refit,
-    prepared: Prepared,
-    explicit: ExplicitModel,
-    validation: Sequence[Experiment],
-    leader: Proof,
-    reference: Reference | None,
-) -> tuple[FitResult | None, tuple[Ahead, ...], str]:
-    """A first pass without coloured loads, what it does to the prediction of unseen data, and why a candidate
-    that is far less likely than the `leader` is no rival of it by unseen data either (`_unseen_ratio`); None
-    and empty where it may be one."""
-    if reference is None or not validation:
-        return None, (), ""
-    found = settled(null, refit.fit, prepared.flat, explicit, null.experiments, validation, is_rough=True)
-    if found is None:
-        return None, (), ""
-    rough, observer = found
-    ahead: tuple[Ahead, ...] = ()
-    if leader.adds_up:
-        ahead = compared(reference.foreseen, foreseen(observer, validation), period_of(null.experiments))
-        errors = ahead_of(leader.ahead, ahead)
-        may_be_rival = not errors or errors[max(errors)] < 1.0
-    else:
-        ratios = error_ratios(leader.told.simulated, rough.simulated)
-        is_worse_in_one = max(ratios, default=0.0) > 1.0 + GATES.clear_unseen_error
-        may_be_rival = not ratios or (not is_worse_in_one and float(np.mean(np.square(ratios))) < 1.0)
-    if may_be_rival:
-        return None, (), ""
-    behind = leader.fit.log_likelihood - refit.fit.log_likelihood
-    if behind < 0.0:
-        return rough, ahead, f"{leader.candidate.label} says nearly as much with fewer parameters"
-    much = "far better" if behind > GATES.hopeless_log_likelihood else "better with fewer parameters"
-    reason = f"{leader.candidate.label} explains the data {much} (log-likelihood {behind:.0f})"
-    return rough, ahead, reason
-
-
 def _refit(
     null: Null,
     prepared: Prepared,
@@ -543,36 +537,6 @@ def has_lost_its_way(found: Searched, simulation: FitResult | None = None) -> bo
 def is_below_null(proof: Proof) -> bool:
     """Whether all searches for a law have ended below the null, which the law contains."""
     return proof.delta_log_likelihood < -LOST
-
-
-def _on_unseen(
-    null: Null,
-    refit: Refit,
-    prepared: Prepared,
-    explicit: ExplicitModel,
-    told: Confirmed,
-    validation: Sequence[Experiment],
-    reference: Reference | None,
-) -> tuple[FitResult | None, tuple[Ahead, ...], str, bool]:
-    """The estimates without coloured loads, what they do to the prediction of unseen data, why these speak
-    against the effect (empty where they do not), and whether most of the error is gone."""
-    if reference is None or not validation:
-        return None, (), "", False
-    found = settled(null, refit.fit, prepared.flat, explicit, null.experiments, validation)
-    if found is None:
-        against, _, is_told = judged((), reference.fit, refit.simulated(validation), reference.adds_up, told)
-        return None, (), against, is_told
-    white, observer = found
-    ahead = compared(reference.foreseen, foreseen(observer, validation), period_of(null.experiments))
-    if reference.adds_up or any(is_worse(one) for one in ahead):
-        final = white
-    else:
-        final = simulated(null, white, prepared.flat, null.experiments, validation, refit)
-    against, _, is_told = judged(ahead, reference.fit, final, reference.adds_up, told)
-    if against and not reference.adds_up and not any(is_worse(one) for one in ahead):
-        steady = _steady_ratio(null, prepared.flat, explicit, final, validation, reference)
-        against, _, is_told = judged(ahead, reference.fit, final, False, told, steady)
-    return final, ahead, against, is_told
 
 
 def _steady_ratio(
