@@ -93,8 +93,8 @@ def searched(
     experiments: Sequence[Experiment],
     leader: Proof | None = None,
 ) -> Searched:
-    """The refit of one candidate on `experiments`, the null's with the signals that the effect needs, pursued no
-    further where it falls far behind the `leader`. Raises what `refit` raises."""
+    """The refit of one candidate on `experiments`, the null's with the signals that the effect needs; pursued
+    no further where it falls far behind the `leader`. Raises what `refit` raises."""
     explicit = prepared.reduced()
     fed = replace(null, experiments=tuple(experiments))
     hopeless = least_hope(leader, prepared.trial.candidate)
