@@ -318,7 +318,7 @@ def test_long_recordings_are_drawn_over_hours_or_days(seconds, label, numbers) -
 
 def test_logarithmic_axis_has_few_numbers() -> None:
     figure = style.figure(2.0)
-    for ax, ends in zip(figure.subplots(1, 2), ([2e-4, 4e-3], [1e-9, 1.0]), strict=True):
+    for ax, ends in zip(figure.subplots(1, 3), ([2e-4, 4e-3], [1e-9, 1.0], [0.052, 0.096]), strict=True):
         ax.barh([0, 1], ends)
         style.logarithmic(ax)
     figure.canvas.draw()

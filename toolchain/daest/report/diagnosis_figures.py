@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from daest.model.diagnosis import Diagnosis, FreeForm, LearnedLoad, Screened
+from daest.model.fit import FitResult
 from daest.report import figures as style
 from daest.report.console import probability
 from daest.report.figures import BAND, LINES, PANEL, QUIET, SMALL
@@ -64,21 +65,26 @@ def _draw_errors(diagnosis: Diagnosis, units: Mapping[str, str], part: Any) -> N
     fits = [diagnosis.baseline, *(p.told for p in diagnosis.proofs)]
     accepted = [False, *(p.verdict != "rejected" for p in diagnosis.proofs)]
     axes = part.subplots(1, len(units), sharey=True, squeeze=False)[0]
+    errors = {
+        name: [np.nan if (v := _validation_rms(fit, name)) is None else v for fit in fits] for name in units
+    }
+    known = {name: [value for value in values if value > 0.0] for name, values in errors.items()}
+    # All axes alike: side by side, bars of two kinds would be compared as if they were of one.
+    is_wide = any(values and max(values) > DECADE * min(values) for values in known.values())
     for ax, (name, unit) in zip(axes, units.items(), strict=True):
-        values = [
-            f.simulated["validation"].rms.get(name) if "validation" in f.simulated else None for f in fits
-        ]
-        heights = [np.nan if v is None else v for v in values]
-        ax.barh(range(len(labels)), heights, color=[LINES[0] if a else QUIET for a in accepted])
-        ax.axvline(heights[0], color="black", lw=0.8, ls="--")
-        known = [h for h in heights if h > 0.0]
-        if known and max(known) > DECADE * min(known):
+        ax.barh(range(len(labels)), errors[name], color=[LINES[0] if a else QUIET for a in accepted])
+        ax.axvline(errors[name][0], color="black", lw=0.8, ls="--")
+        if is_wide and known[name]:
             style.logarithmic(ax)
         scale = ", logarithmic" if ax.get_xscale() == "log" else ""
         ax.set_xlabel(f"validation rms {name} [{unit or '1'}]{scale}")
         ax.set_ylim(len(labels) - 0.4, -0.6)
     axes[0].set_yticks(range(len(labels)), labels, fontsize=SMALL)
     part.suptitle("the best, refitted (dashed: the model as it is)", fontsize=9)
+
+
+def _validation_rms(fit: FitResult, output: str) -> float | None:
+    return fit.simulated["validation"].rms.get(output) if "validation" in fit.simulated else None
 
 
 def _draw_curve(curve: FreeForm, learned: LearnedLoad | None, ax: Axes) -> None:

@@ -146,12 +146,13 @@ def shown_range(value: np.ndarray, std: np.ndarray, measured: np.ndarray) -> tup
 
 def logarithmic(ax: Axes) -> None:
     """A logarithmic axis below, with few numbers that stand apart."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
     ax.set_xscale("log")
     low, high = ax.get_xlim()
     steps = (1.0,) if high > MANY_DECADES * low else (1.0, 3.0)
-    ax.xaxis.set_major_locator(LogLocator(subs=steps, numticks=5))
+    is_narrow = high < 10.0 * low  # than a decade: powers of ten would give one number or none
+    ax.xaxis.set_major_locator(MaxNLocator(4) if is_narrow else LogLocator(subs=steps, numticks=5))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.xaxis.set_minor_formatter(NullFormatter())
 
