@@ -46,7 +46,7 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     them, those come first that foresee unseen data clearly better, then the likeliest. A law that the best
     one only rounds otherwise (`_is_rounded_otherwise`) is not separable from it, either. Where a refused one
     is far more likely, none is the explanation."""
-    compared = _on_one_basis(_without_hopeless(proofs))
+    compared = _on_one_basis(_without_hopeless(_without_imitations(proofs)))
     order = sorted(compared, key=lambda p: (p.verdict == "rejected", -p.delta_bic))
     accepted = [p for p in order if p.verdict == "supported"]
     if not accepted:
@@ -104,6 +104,29 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
                 reason = f"{best.candidate.label} says nearly as much with fewer parameters"
             result.append(replace(proof, verdict="rejected", reason=reason))
     return tuple(sorted(result, key=partial(_place, best)))
+
+
+def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
+    """Laws with states are refused that say no more than a lag or a delay with fewer parameters which is too
+    short to be told from others: a flexible part with three imitates the lag of a sensor."""
+    short = [p for p in proofs if p.is_any_dynamics]
+
+    def imitated(proof: Proof) -> Proof | None:
+        if proof.verdict == "rejected" or not proof.candidate.effect.n_states:
+            return None
+        simpler = [p for p in short if p.candidate.n_unknowns < proof.candidate.n_unknowns]
+        return next((p for p in simpler if proof.delta_bic <= p.delta_bic + GATES.same_bic), None)
+
+    return [
+        proof
+        if (simple := imitated(proof)) is None
+        else replace(
+            proof,
+            verdict="rejected",
+            reason=f"{simple.candidate.label} says as much with fewer parameters, but {simple.reason}",
+        )
+        for proof in proofs
+    ]
 
 
 def _without_hopeless(proofs: Sequence[Proof]) -> list[Proof]:
