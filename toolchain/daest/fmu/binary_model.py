@@ -197,7 +197,7 @@ def _initial_point(
 def _integrator(
     explicit: BinaryDynamics, names: Sequence[str] = (), *, compiled: bool = True, runs_once: bool = False
 ) -> Integrator:
-    known = {p.name for p in explicit.flat.parameters}
+    known = set(explicit.flat.parameter_names)
     if missing := [name for name in names if name not in known]:
         raise ModelError("unknown-parameter", f"The model has no parameter `{missing[0]}`.")
     return BinaryIntegrator(explicit, tuple(names))

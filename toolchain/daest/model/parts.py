@@ -118,3 +118,33 @@ class Equation:
     kind: Literal["component", "connection", "flow", "unconnected", "binding"]
     origin: str
     place: Place | None = None
+
+
+class Named:
+    """The names of unknowns ξ, inputs u, white noises w, parameters θ and outputs y, in their order."""
+
+    unknowns: tuple[Variable, ...]
+    inputs: tuple[Variable, ...]
+    noises: tuple[NoiseInput, ...]
+    parameters: tuple[Parameter, ...]
+    outputs: tuple[Output, ...]
+
+    @property
+    def unknown_names(self) -> tuple[str, ...]:
+        return tuple(x.name for x in self.unknowns)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        return tuple(u.name for u in self.inputs)
+
+    @property
+    def noise_names(self) -> tuple[str, ...]:
+        return tuple(w.name for w in self.noises)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        return tuple(y.name for y in self.outputs)

@@ -540,7 +540,7 @@ class Runner:
             return None
         functions, n = self.functions, len(self.functions.events.relations)
         n_p = len(self.model.names)
-        known = [p.name for p in self.model.explicit.flat.parameters]
+        known = self.model.explicit.flat.parameter_names
         theta = np.zeros((len(known), self.directions))
         for k, name in enumerate(self.model.names):
             theta[known.index(name), k] = 1.0

@@ -338,7 +338,7 @@ def _made_beside_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> Chain
 
 def _columns(explicit: ExplicitModel, names: Sequence[str]) -> list[int]:
     """The positions of parameters. Raises ModelError `unknown-parameter`."""
-    known = [p.name for p in explicit.flat.parameters]
+    known = explicit.flat.parameter_names
     missing = [name for name in names if name not in known]
     if missing:
         raise ModelError("unknown-parameter", f"The model has no parameter `{missing[0]}`.")
@@ -367,7 +367,7 @@ def _functions_of(explicit: ExplicitModel) -> tuple:
     functions = (explicit.rhs, explicit.outputs, explicit.invariants)
     laws = sensor_laws(explicit)
     own = () if laws is None else laws.key
-    return *(hash(f) for f in functions), *(p.name for p in explicit.flat.parameters), own
+    return *(hash(f) for f in functions), *explicit.flat.parameter_names, own
 
 
 def _compiled_for_more(explicit: ExplicitModel, names: tuple[str, ...]) -> EquationIntegrator | None:
@@ -431,7 +431,7 @@ def _near_functions(
 ) -> tuple[ca.Function, ca.Function, ca.Function]:
     """What `_model_functions` makes for the C code, of a model whose loops are solved from a guess, the last
     argument; the first function tells its tears behind the slopes."""
-    known = [p.name for p in explicit.flat.parameters]
+    known = explicit.flat.parameter_names
     columns = [known.index(name) for name in names]
     n_u, n_v, n_w = (explicit.rhs.numel_in(i) for i in (1, 2, 3))
     x, ubar, t = ca.MX.sym("x", explicit.n_states), ca.MX.sym("u", n_u + n_v), ca.MX.sym("t")
@@ -576,7 +576,7 @@ def interval_inputs(
     `input-derivative-order` or `input-derivative-hold` where the model moves, at `theta`
     (n_theta,; default: the values of the model), by a derivative that the hold does not have.
     """
-    names = [one.name for one in explicit.flat.inputs]
+    names = explicit.flat.input_names
     start, end = inputs[:-1], interval_ends(inputs, hold, names)
     held = held_inputs(hold, names)
     slopes = (end - start) / np.diff(time)[:, None]
@@ -937,7 +937,7 @@ def _collocation(model: EquationIntegrator) -> ca.Function:
     dae: Any = {"x": x, "p": ca.vertcat(ends, theta), "t": part, "ode": rate}
     flow = ca.integrator("over_interval", "collocation", dae, 0, 1, options)
     end = flow(x0=x, p=ca.vertcat(ends, theta))["xf"]
-    known = [p.name for p in model.explicit.flat.parameters]
+    known = model.explicit.flat.parameter_names
     columns = [known.index(name) for name in model.names]
     by_theta = ca.jacobian(end, theta)[:, columns] if columns else ca.MX.zeros(n_states, 0)
     return ca.Function("interval", [x, theta, ends], [end, ca.jacobian(end, x), by_theta])

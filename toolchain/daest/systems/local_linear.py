@@ -128,14 +128,14 @@ def _of_equations(
 
 def internal_names(explicit: Dynamics) -> tuple[str, ...]:
     """Names of the internal variables: all unknowns, then the outputs that are no unknowns."""
-    unknowns = tuple(v.name for v in explicit.flat.unknowns)
+    unknowns = explicit.flat.unknown_names
     return unknowns + tuple(o.name for o in explicit.flat.outputs if o.name not in unknowns)
 
 
 def internal_function(explicit: Dynamics) -> ca.Function:
     """(x, u, v, w, theta, t) -> values of `internal_names`."""
     arguments = _arguments(explicit)
-    unknowns = {v.name for v in explicit.flat.unknowns}
+    unknowns = set(explicit.flat.unknown_names)
     extra = [i for i, o in enumerate(explicit.flat.outputs) if o.name not in unknowns]
     outputs = explicit.outputs(*arguments)
     values = ca.vertcat(explicit.variables(*arguments), *(outputs[i] for i in extra))
@@ -169,7 +169,7 @@ class _Parts:
 
     @classmethod
     def of(cls, explicit: ExplicitModel, names: tuple[str, ...]) -> _Parts:
-        known = [p.name for p in explicit.flat.parameters]
+        known = explicit.flat.parameter_names
         missing = [name for name in names if name not in known]
         if missing:
             raise ModelError("unknown-parameter", f"The model has no parameter `{missing[0]}`.")

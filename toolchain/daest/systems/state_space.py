@@ -414,8 +414,8 @@ def state_space_family(model: Model | Dynamics, at: Mapping[str, float] | None =
     are affine (`is_affine` of the result), only ξ depends on that point.
 
         >>> family = daest.state_space_family(explicit)
-        >>> [w.name for w in family.noises]
-        ['disturbance.w']
+        >>> family.noise_names
+        ('disturbance.w',)
     """
     return family_along(model if isinstance(model, Dynamics) else dynamics(model), at)
 
@@ -505,11 +505,11 @@ def state_space(family: StateSpaceFamily, theta: np.ndarray) -> StateSpace:
         values[name] = values[name][:, 0]
     return StateSpace(
         state_names=family.state_names,
-        input_names=tuple(v.name for v in family.inputs),
+        input_names=family.input_names,
         input_derivatives=family.input_derivatives,
-        noise_names=tuple(v.name for v in family.noises),
-        output_names=tuple(v.name for v in family.outputs),
-        unknown_names=tuple(v.name for v in family.unknowns),
+        noise_names=family.noise_names,
+        output_names=family.output_names,
+        unknown_names=family.unknown_names,
         **values,
     )
 
@@ -522,7 +522,7 @@ def state_space_derivatives(
     The derivative function is built at the first call for a family and these names and kept. Raises
     ModelError `unknown-parameter`.
     """
-    known = [p.name for p in family.parameters]
+    known = family.parameter_names
     for name in names:
         if name not in known:
             near = near_names(name, known) or known[:8]
