@@ -228,8 +228,7 @@ class BinaryForm:
         `with_states` puts the states behind the outputs. The slopes are those by the parameters `names`, by
         the sizes of the `laws`, with small changes `size_steps` (n_laws,), and by the initial states. Raises
         IntegrationError, at once where a law makes the model run away."""
-        known = flat.parameter_names
-        columns = tuple(known.index(name) for name in names) if run.directions else ()
+        columns = tuple(flat.parameter_columns(names)) if run.directions else ()
         steps = np.zeros(len(laws)) if size_steps is None else size_steps
         task = _Task(
             flat, columns, run.theta, run.x0, run.rtol, run.atol, run.scale,

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from daest.errors import EstimationError, Place
+from daest.errors import EstimationError, ModelError, Place
+from daest.near import near_names
 
 
 @dataclass(frozen=True)
@@ -148,3 +150,16 @@ class Named:
     @property
     def output_names(self) -> tuple[str, ...]:
         return tuple(y.name for y in self.outputs)
+
+    def parameter_columns(self, names: Sequence[str]) -> list[int]:
+        """The positions of parameters among all. Raises ModelError `unknown-parameter`."""
+        known = self.parameter_names
+        for name in names:
+            if name not in known:
+                near = near_names(name, known) or known[:8]
+                raise ModelError(
+                    "unknown-parameter",
+                    f"the model has no parameter {name}",
+                    remedy=f"there are {', '.join(near)}",
+                )
+        return [known.index(name) for name in names]

@@ -21,7 +21,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from daest.errors import ModelError
 from daest.model.flat import Dynamics, ExplicitModel, events_refused
 from daest.model.holds import SMOOTH, Hold, held_inputs, interval_ends, spline_slopes
 from daest.model.linear import StateSpaceFamily
@@ -323,7 +322,7 @@ def _beside_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> ChainInteg
 
 
 def _made_beside_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> ChainIntegrator | None:
-    columns = _columns(explicit, names)
+    columns = explicit.flat.parameter_columns(names)
     chain = driven_chain(explicit)
     if chain is None:
         return None
@@ -334,15 +333,6 @@ def _made_beside_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> Chain
         return None
     beside = EquationIntegrator(explicit, names, made.rhs, made.sens, made.out, library, bend=made.bend)
     return ChainIntegrator(explicit, names, chain, beside, names)
-
-
-def _columns(explicit: ExplicitModel, names: Sequence[str]) -> list[int]:
-    """The positions of parameters. Raises ModelError `unknown-parameter`."""
-    known = explicit.flat.parameter_names
-    missing = [name for name in names if name not in known]
-    if missing:
-        raise ModelError("unknown-parameter", f"The model has no parameter `{missing[0]}`.")
-    return [known.index(name) for name in names]
 
 
 def _affine_family(explicit: ExplicitModel) -> StateSpaceFamily | None:
@@ -386,7 +376,7 @@ def _again(explicit: ExplicitModel, names: tuple[str, ...], compiled: bool) -> I
 def _model_functions(
     explicit: ExplicitModel, names: tuple[str, ...]
 ) -> tuple[ca.Function, ca.Function, ca.Function, ca.Function | None, ca.Function | None]:
-    columns = _columns(explicit, names)
+    columns = explicit.flat.parameter_columns(names)
     kind: Any = ca.SX if explicit.is_symbolic else ca.MX
     n_u, n_v, n_w = (explicit.rhs.numel_in(i) for i in (1, 2, 3))
     x, ubar, t = kind.sym("x", explicit.n_states), kind.sym("u", n_u + n_v), kind.sym("t")
@@ -431,11 +421,10 @@ def _near_functions(
 ) -> tuple[ca.Function, ca.Function, ca.Function]:
     """What `_model_functions` makes for the C code, of a model whose loops are solved from a guess, the last
     argument; the first function tells its tears behind the slopes."""
-    known = explicit.flat.parameter_names
-    columns = [known.index(name) for name in names]
+    columns = explicit.flat.parameter_columns(names)
     n_u, n_v, n_w = (explicit.rhs.numel_in(i) for i in (1, 2, 3))
     x, ubar, t = ca.MX.sym("x", explicit.n_states), ca.MX.sym("u", n_u + n_v), ca.MX.sym("t")
-    theta, chosen = ca.MX.sym("theta", len(known)), ca.MX.sym("chosen", len(columns))
+    theta, chosen = ca.MX.sym("theta", len(explicit.flat.parameters)), ca.MX.sym("chosen", len(columns))
     guess = ca.MX.sym("guess", near[0].numel_in(6))
     whole = ca.MX(theta)
     for position, column in enumerate(columns):
@@ -774,7 +763,7 @@ def _has_driven_chain(chain: DrivenChain, run: Run) -> bool:
 
 
 def _run_beside_chain(model: ChainIntegrator, run: Run) -> Trajectory:
-    chain, n, columns = model.chain, run.time.size, _columns(model.explicit, model.begun)
+    chain, n, columns = model.chain, run.time.size, model.explicit.flat.parameter_columns(model.begun)
     period = float(run.time[-1] - run.time[0]) / (n - 1)
     inputs = run.u0, run.u1, run.bent
     with np.errstate(over="ignore", invalid="ignore"):
@@ -937,7 +926,6 @@ def _collocation(model: EquationIntegrator) -> ca.Function:
     dae: Any = {"x": x, "p": ca.vertcat(ends, theta), "t": part, "ode": rate}
     flow = ca.integrator("over_interval", "collocation", dae, 0, 1, options)
     end = flow(x0=x, p=ca.vertcat(ends, theta))["xf"]
-    known = model.explicit.flat.parameter_names
-    columns = [known.index(name) for name in model.names]
+    columns = model.explicit.flat.parameter_columns(model.names)
     by_theta = ca.jacobian(end, theta)[:, columns] if columns else ca.MX.zeros(n_states, 0)
     return ca.Function("interval", [x, theta, ends], [end, ca.jacobian(end, x), by_theta])

@@ -20,7 +20,6 @@ from daest.errors import ModelError
 from daest.model.flat import Dynamics, ExplicitModel, Model
 from daest.model.holds import FOH, SMOOTH, ZOH, Hold, held_inputs, spline_slopes
 from daest.model.linear import DiscreteModel, StateSpace, StateSpaceFamily
-from daest.near import near_names
 from daest.numerics.evaluator import Evaluator
 from daest.numerics.exponential import (
     CUBIC,
@@ -522,16 +521,7 @@ def state_space_derivatives(
     The derivative function is built at the first call for a family and these names and kept. Raises
     ModelError `unknown-parameter`.
     """
-    known = family.parameter_names
-    for name in names:
-        if name not in known:
-            near = near_names(name, known) or known[:8]
-            raise ModelError(
-                "unknown-parameter",
-                f"the model has no parameter {name}",
-                remedy=f"there are {', '.join(near)}",
-            )
-    columns = tuple(known.index(name) for name in names)
+    columns = tuple(family.parameter_columns(names))
     if family.derivatives is not None:
         found = zip(MATRICES, family.derivatives(theta, columns), strict=True)
         return {name: m[:, :, 0] if name in VECTORS else m for name, m in found}
