@@ -44,6 +44,7 @@ from daest.model.estimates import (
     KalmanResult,
     Modes,
     Varying,
+    singular_innovation,
 )
 from daest.model.experiment import Experiment
 from daest.model.linear import DiscreteModel
@@ -400,7 +401,7 @@ def _transient(
         stop=plan.stop(begin, end),
     )
     if steps.failed is not None:
-        raise _singular(begin + steps.failed)
+        raise singular_innovation(f"near sample {begin + steps.failed}")
     count = steps.predicted.shape[0]
     done = slice(begin, begin + count)
     recorder.predicted[done], recorder.innovations[done] = steps.predicted, steps.innovations
@@ -410,15 +411,6 @@ def _transient(
         recorder.sensitivity.append(steps.sensitivity)
     plan.hear(count, steps.is_stationary)
     return begin + count, steps.after, steps.after_cov
-
-
-def _singular(sample: int) -> EstimationError:
-    return EstimationError(
-        "filter-singular-innovation",
-        f"an output can be predicted without error near sample {sample}: neither it nor the states have "
-        "noise",
-        remedy="give every measured output a noise with a standard deviation above zero",
-    )
 
 
 def _as_pass(recorder: _Recorder, modes: Modes, start: PassStart) -> FilterPass:
