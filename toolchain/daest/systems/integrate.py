@@ -41,6 +41,7 @@ from daest.systems.affine_steps import DrivenBy, Gain, affine_steps
 from daest.systems.driven_chain import (
     PARTS,
     DrivenChain,
+    Driving,
     driven_chain,
     driving,
     parts_of_inputs,
@@ -771,7 +772,22 @@ def _run_beside_chain(model: ChainIntegrator, run: Run) -> Trajectory:
         made = driving(chain, run.theta, columns, period, inputs, start, with_slopes)
     if not all(np.all(np.isfinite(part)) for part in (made.states, made.start, made.end, made.sampled)):
         raise IntegrationError(FAILURES[3], float(run.time[0]))
-    u0, u1, bent = parts_of_inputs(inputs)
+    rest = _run_of_rest(chain, run, made, len(columns))
+    found = _run_radau(model.beside, rest)
+    states = np.empty((n, run.x0.size))
+    states[:, chain.rest], states[:, chain.members] = found.states[::PARTS], made.states
+    outputs, sens = found.outputs[::PARTS].copy(), np.empty((n, found.outputs.shape[1], 0))
+    for j, i in chain.alone:
+        outputs[:, j] = made.states[:, i]
+    if run.directions:
+        sens = _sensitivities_of_both(chain, run, made, columns, found.sensitivities[::PARTS])
+    return Trajectory(states, outputs, sens, found.n_steps)
+
+
+def _run_of_rest(chain: DrivenChain, run: Run, made: Driving, n_parameters: int) -> Run:
+    """The run of the states behind the chain, whose signals are inputs, in PARTS of every interval."""
+    n = run.time.size
+    u0, u1, bent = parts_of_inputs((run.u0, run.u1, run.bent))
     u_last = np.hstack([run.u_last, made.sampled[-1:]])
     u0, u1 = np.concatenate([u0, made.start], axis=2), np.concatenate([u1, made.end], axis=2)
     if chain.is_shown:  # what outputs show at a sample is the signal itself
@@ -790,8 +806,8 @@ def _run_beside_chain(model: ChainIntegrator, run: Run) -> Trajectory:
         if gain.ndim == 3:
             gain = np.repeat(gain, PARTS, axis=0)[: seen.shape[0]]
         given = Correction(seen, gain, given.slopes[:, chain.rest])
-    n_chosen, n_rest = len(columns) + chain.members.size, chain.rest.size
-    rest = replace(
+    n_chosen, n_rest = n_parameters + chain.members.size, chain.rest.size
+    return replace(
         run,
         time=np.append(parts.ravel(), run.time[-1]),
         u0=np.ascontiguousarray(u0.reshape(-1, u0.shape[2])),
@@ -805,24 +821,22 @@ def _run_beside_chain(model: ChainIntegrator, run: Run) -> Trajectory:
         scale=run.scale[chain.rest],
         correction=given,
     )
-    found = _run_radau(model.beside, rest)
-    states = np.empty((n, run.x0.size))
-    states[:, chain.rest], states[:, chain.members] = found.states[::PARTS], made.states
-    outputs, sens = found.outputs[::PARTS].copy(), np.empty((n, found.outputs.shape[1], 0))
+
+
+def _sensitivities_of_both(
+    chain: DrivenChain, run: Run, made: Driving, columns: list[int], sens: np.ndarray
+) -> np.ndarray:
+    """The sensitivities `sens` (n_samples, n_y, …) of the run of the rest, with those of outputs that the
+    chain alone makes, in the order of the parameters asked for, the states of the model and the gains."""
+    n_chosen, n_rest = len(columns) + chain.members.size, chain.rest.size
+    by_state = np.empty(run.x0.size, dtype=int)
+    by_state[chain.members] = len(columns) + np.arange(chain.members.size)
+    by_state[chain.rest] = n_chosen + np.arange(n_rest)
+    order = [*range(run.by_parameter), *by_state, *range(n_chosen + n_rest, sens.shape[2])]
+    own = [*chain.driven(columns), *range(len(columns), n_chosen)]
     for j, i in chain.alone:
-        outputs[:, j] = made.states[:, i]
-    if run.directions:
-        # Back into the order of the parameters asked for, the states of the model and the gains.
-        by_state = np.empty(run.x0.size, dtype=int)
-        by_state[chain.members] = len(columns) + np.arange(chain.members.size)
-        by_state[chain.rest] = n_chosen + np.arange(n_rest)
-        order = [*range(run.by_parameter), *by_state, *range(n_chosen + n_rest, rest.directions)]
-        whole = found.sensitivities[::PARTS]
-        own = [*chain.driven(columns), *range(len(columns), n_chosen)]
-        for j, i in chain.alone:
-            whole[:, j, own] = made.slopes[:, :, i].T
-        sens = np.ascontiguousarray(whole[:, :, order])
-    return Trajectory(states, outputs, sens, found.n_steps)
+        sens[:, j, own] = made.slopes[:, :, i].T
+    return np.ascontiguousarray(sens[:, :, order])
 
 
 def _run_interpreted(model: EquationIntegrator, run: Run) -> Trajectory:
