@@ -724,6 +724,8 @@ def _has_exact_steps(run: Run) -> bool:
 
 
 def _has_equal_steps(time: np.ndarray) -> bool:
+    """Whether all intervals are of one length to rounding. Rounded times are not: unlike a filter, an
+    integration takes them as they are."""
     intervals = np.diff(time)
     return bool(np.ptp(intervals) <= SOLVER.equal_steps * intervals.mean())
 
