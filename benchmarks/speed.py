@@ -39,7 +39,7 @@ from daest.data.table import Part
 from daest.estimation.ekf import ekf_likelihood
 from daest.estimation.filter_task import Noise, Start, Task
 from daest.estimation.filter_task import record as prepared
-from daest.estimation.kalman import kalman_filter, log_likelihood
+from daest.estimation.kalman import kalman_filter
 from daest.estimation.particle import ContinuousPoints, run_particles, systematic
 from daest.machine import described
 from daest.model.estimates import InitialState
@@ -151,22 +151,12 @@ def kalman_rows() -> Iterator[Row]:
         model = chain(n)
         experiment, known = record(model, n_samples, missing), InitialState.known(np.zeros(n), 1.0)
         peer = statsmodels_filter(model, experiment)
-        if abs(log_likelihood(model, experiment, known) / peer.loglike() - 1.0) > EQUAL:
+        if abs(kalman_filter(model, experiment, known).log_likelihood / peer.loglike() - 1.0) > EQUAL:
             raise SystemExit(f"the log-likelihoods of {n} states differ: not the same problem")
-        runs = [
-            lambda m=model, e=experiment, k=known: kalman_filter(m, e, k),
-            peer.filter,
-            lambda m=model, e=experiment, k=known: log_likelihood(m, e, k),
-            peer.loglike,
-        ]
-        ours, theirs, value, their_value = (1e3 * seconds for seconds in in_turn(runs, repeat))
+        runs = [lambda m=model, e=experiment, k=known: kalman_filter(m, e, k), peer.filter]
+        ours, theirs = (1e3 * seconds for seconds in in_turn(runs, repeat))
         what = f"{n} states, {n_samples} samples" + (", 10 % missing" if missing else "")
         yield Row(f"Kalman filter, {what}", "ms", ours, "statsmodels", theirs)
-        yield Row(f"likelihood, {what}", "ms", value, "statsmodels", their_value)
-    model = chain(400)
-    experiment, known = record(model, 500, 0.0), InitialState.known(np.zeros(400), 1.0)
-    (seconds,) = in_turn([lambda: log_likelihood(model, experiment, known)], 1)
-    yield Row("likelihood, 400 states, 500 samples", "s", seconds)
 
 
 def plain_bootstrap(y: np.ndarray, u: np.ndarray, theta: np.ndarray, noise: Noise) -> None:

@@ -29,7 +29,7 @@ from scipy.optimize import OptimizeResult, least_squares, minimize
 
 import daest
 from daest.estimation.identify import identify
-from daest.estimation.kalman import log_likelihood
+from daest.estimation.kalman import kalman_filter
 from daest.machine import described
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
@@ -213,7 +213,8 @@ def _best(
         noise = iter(v[n + n_w :])
         R = np.diag([(std[o.name] if o.name in std else next(noise)) ** 2 for o in family.outputs])
         ss = state_space(family, v[:n])
-        return -log_likelihood(sample(ss, h, hold, np.diag(v[n : n + n_w] ** 2), R), experiment, start)
+        sampled = sample(ss, h, hold, np.diag(v[n : n + n_w] ** 2), R)
+        return -kalman_filter(sampled, experiment, start).log_likelihood
 
     first = [p.value for p in family.parameters] + [1.0, 0.5][:n_w] + [0.1] * len(free)
     z = np.where(is_log, np.log(first), first)

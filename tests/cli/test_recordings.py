@@ -29,4 +29,4 @@ def test_command_line_comes_before_the_project():
     ],
 )
 def test_hold(options, project, hold):
-    assert options.known_hold(project, SimpleNamespace(inputs=())) == hold
+    assert options.known_hold(project, SimpleNamespace(input_names=())) == hold

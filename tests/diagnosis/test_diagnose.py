@@ -69,7 +69,7 @@ def test_nothing_is_found_where_nothing_is_missing(seed):
 
 
 def test_coulomb_friction_is_named_with_its_size():
-    found = diagnosed(rotor_record(800, seed=5, coulomb=lambda phi: 0.15)[0])
+    found = diagnosed(rotor_record(600, seed=5, coulomb=lambda phi: 0.15)[0])
     assert found.verdict == "supported" and accepted(found) == {"CoulombFriction"}
     best = found.proofs[0]
     size = next(p for p in best.fit.parameters if p.name.endswith("tau_c"))
@@ -124,7 +124,7 @@ def test_effect_outside_the_library_gets_a_curve_and_no_name():
 
 @pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.slow)])
 def test_external_load_is_no_effect(seed):
-    found = diagnosed(rotor_record(1200, seed=seed, load=(0.15, 1.0))[0])
+    found = diagnosed(rotor_record(800, seed=seed, load=(0.15, 1.0))[0])
     assert found.verdict in ("external disturbance", "nothing missing") and not accepted(found)
 
 

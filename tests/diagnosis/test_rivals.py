@@ -15,7 +15,9 @@ from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.null import fit_null
 from daest.diagnosis.ranking import could_compete
 from daest.diagnosis.rivals import (
-    dynamic_trials,
+    best_dynamic,
+    best_simulation,
+    dynamic_fits,
     no_richer_ones,
     not_begun_by,
     other_forms,
@@ -172,6 +174,10 @@ def test_unlike_responses_do_not_compete_once_nothing_is_left():
     assert could_compete(by_name["Unbalance"], replace(proof, delta_log_likelihood=50.0), found)
 
 
+def best_lags(null, lags):
+    return best_dynamic(null, [dynamic_fits(null, pairs(lags, sites(null.flat)), best_simulation(null))])
+
+
 def test_dynamic_effect_in_a_circuit_with_lost_power():
     """Nonlinear only in a variable that no state reads."""
     flat = compile_model(
@@ -187,10 +193,10 @@ def test_dynamic_effect_in_a_circuit_with_lost_power():
     record = Experiment("record", time, u, y, ("u",), ("y",))
     null = fit_null(flat, [site for site in sites(flat) if site.kind == "node"], [record], "zoh")
     lags = tuple(effect for effect in library() if effect.name == "Lag")
-    (found,) = dynamic_trials(null, pairs(lags, sites(flat)))
+    (found,) = best_lags(null, lags)
     assert found.trial.sizes[0] == pytest.approx(lag, rel=0.2)
     assert {c.site.name for c in (found.trial.candidate, *found.trial.alike)} == {"u", "y"}
     # Beside a free load the parameters of the model may have gone anywhere.
     away = {"winding.J": 300.0 * null.fit.theta["winding.J"], "winding.k": 5.0 * null.fit.theta["winding.k"]}
-    (found,) = dynamic_trials(replace(null, flat=null.flat.with_theta(away)), pairs(lags, sites(flat)))
+    (found,) = best_lags(replace(null, flat=null.flat.with_theta(away)), lags)
     assert found.trial.sizes[0] == pytest.approx(lag, rel=0.2)

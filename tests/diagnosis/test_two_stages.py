@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from daest.diagnosis.candidates import attachable, pairs
 from daest.diagnosis.grown_states import brought_rows
 from daest.diagnosis.null import fit_null
-from daest.diagnosis.rivals import dynamic_trials
+from daest.diagnosis.rivals import best_dynamic, best_simulation, dynamic_fits
 from daest.diagnosis.screen import run_null, screen
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
@@ -93,6 +93,7 @@ def test_delay_of_a_sample_is_found_in_a_machine_of_milliseconds(tmp_path):
     flat = circuit(tmp_path)
     nodes = [s for s in sites(flat) if s.kind == "node"]
     null = fit_null(flat, nodes, (record(late=1),), "zoh")
-    first = dynamic_trials(null, candidates(flat, "Delay", "Lag"))[0].trial
+    fits = dynamic_fits(null, candidates(flat, "Delay", "Lag"), best_simulation(null))
+    first = best_dynamic(null, [fits])[0].trial
     assert first.candidate.effect.name == "Delay"
     assert abs(first.sizes[0] - 1e-3) < 2e-4

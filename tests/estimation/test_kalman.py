@@ -9,10 +9,7 @@ from dense_gaussian import DenseRecord, random_model, simulate_record
 from numpy.testing import assert_allclose
 
 from daest.errors import EXPLANATIONS, EstimationError
-from daest.estimation import kalman
-from daest.estimation.hessenberg import hessenberg_states
-from daest.estimation.kalman import kalman_filter, log_likelihood, steady_sample, unobservable_states
-from daest.estimation.modes import modes_of
+from daest.estimation.kalman import kalman_filter, steady_sample, unobservable_states
 from daest.estimation.stationary import stationary_filter
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
@@ -57,7 +54,6 @@ def test_proper_start_equals_the_dense_joint_gaussian(seed):
         both = np.vstack([dense.states[k], dense.noises[k]])
         assert_moments(result.filtered, k, dense.condition(both, k), np.append(offset, np.zeros(n_w)))
     assert_allclose(result.log_likelihood, dense.log_likelihood(), rtol=TOLERANCE)
-    assert log_likelihood(models, experiment, initial) == pytest.approx(result.log_likelihood, rel=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -366,14 +362,13 @@ def test_outputs_without_any_noise_are_refused():
     assert caught.value.code == "filter-singular-innovation"
 
 
-@pytest.mark.parametrize("spread", [0.0, 4.0])
-def test_likelihood_of_many_states_is_that_of_the_filter(monkeypatch, spread):
-    """It is computed in other states; units of the states far apart do not harm it."""
+def test_likelihood_does_not_depend_on_the_units_of_the_states():
     rng = np.random.default_rng(7)
     n = 24
     model = random_model(rng, n, 2, 2, 1)
-    units = 10.0 ** rng.uniform(-spread, spread, n)
-    model = replace(
+    experiment, _ = simulate_record(rng, [model] * 299, 300, rng.normal(size=n), 0.1, None)
+    mean, units = rng.normal(size=n), 10.0 ** rng.uniform(-4.0, 4.0, n)
+    scaled = replace(
         model,
         transition=units[:, None] * model.transition / units,
         input_now=units[:, None] * model.input_now,
@@ -381,25 +376,9 @@ def test_likelihood_of_many_states_is_that_of_the_filter(monkeypatch, spread):
         drift=units * model.drift,
         output=model.output / units,
         process_cov=units[:, None] * model.process_cov * units,
-        cross_cov=0.0 * model.cross_cov,
+        cross_cov=units[:, None] * model.cross_cov,
         noise_process_cov=model.noise_process_cov * units,
-        noise_measurement_cov=0.0 * model.noise_measurement_cov,
     )
-    experiment, _ = simulate_record(rng, [model] * 299, 300, units * rng.normal(size=n), 0.1, None)
-    initial = InitialState.known(units * rng.normal(size=n), units)
-    calls = []
-    changed = kalman.in_states
-    monkeypatch.setattr(kalman, "in_states", lambda *given: calls.append(1) or changed(*given))
-    found = log_likelihood(model, experiment, initial)
-    assert calls
-    assert found == pytest.approx(kalman_filter(model, experiment, initial).log_likelihood, rel=1e-11)
-
-
-def test_wide_starts_stay_in_the_states_of_the_model():
-    """What the first sample tells of a wide start would be lost in the rounding of mixed states."""
-    rng = np.random.default_rng(8)
-    model = random_model(rng, 24, 2, 2, 1)
-    model = replace(model, cross_cov=0.0 * model.cross_cov)
-    modes = modes_of([model], np.zeros(200, dtype=int), np.zeros((200, 2)))
-    assert hessenberg_states(modes, np.eye(24), 200) is not None
-    assert hessenberg_states(modes, 1e9 * np.eye(24), 200) is None
+    expected = kalman_filter(model, experiment, InitialState.known(mean, 1.0)).log_likelihood
+    found = kalman_filter(scaled, experiment, InitialState.known(units * mean, units)).log_likelihood
+    assert found == pytest.approx(expected, rel=1e-11)

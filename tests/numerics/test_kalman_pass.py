@@ -1,7 +1,5 @@
 """Compiled Kalman steps are those in numpy, which are the textbook's."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -42,40 +40,21 @@ def drawn(n, n_y, n_w, n_modes, seed=0):
         (203, 2, 2, 1),
     ],
 )
-@pytest.mark.parametrize("details", [True, False])
-def test_compiled_steps_are_those_of_numpy(monkeypatch, n, n_y, n_w, columns, details):
+def test_compiled_steps_are_those_of_numpy(monkeypatch, n, n_y, n_w, columns):
     rng = np.random.default_rng(n)
     matrices, mode = drawn(n, n_y, n_w, 3), np.r_[np.zeros(40, dtype=np.int64), rng.integers(0, 3, 60)]
     signals = rng.standard_normal((100, n_y)), rng.standard_normal((100, n))
     start = rng.standard_normal((n, columns)), 3.0 * np.eye(n)
     if kalman_pass._library(n) is None:
         pytest.skip("no C compiler")
-    compiled = kalman_steps(matrices, mode, *signals, *start, details=details)
+    compiled = kalman_steps(matrices, mode, *signals, *start)
     monkeypatch.setattr(kalman_pass, "_library", lambda _: None)
-    expected = kalman_steps(matrices, mode, *signals, *start, details=details)
+    expected = kalman_steps(matrices, mode, *signals, *start)
     for name, value in vars(expected).items():
         found = getattr(compiled, name)
         assert (found is None) == (value is None)
         if isinstance(value, np.ndarray):
             assert np.max(np.abs(found - value), initial=0.0) <= 1e-11 * np.max(np.abs(value), initial=1.0)
-
-
-@pytest.mark.parametrize("n", [10, 16, 20, 25, 47, 100])
-def test_hessenberg_steps_are_those_of_any_matrix(n):
-    """Without correlated noises, and from a start that leaves the exact steps for outputs that tell much."""
-    rng = np.random.default_rng(n)
-    some = drawn(n, 2, 1, 2)
-    matrices = replace(some, transition=np.triu(some.transition, -1), cross_cov=0.0 * some.cross_cov)
-    mode = np.r_[np.zeros(30, dtype=np.int64), rng.integers(0, 2, 30)]
-    signals = rng.standard_normal((60, 2)), rng.standard_normal((60, n))
-    start = rng.standard_normal((n, 1)), np.diag(10.0 ** rng.uniform(-3, 5, n))
-    found, expected = (
-        kalman_steps(replace(matrices, is_hessenberg=told), mode, *signals, *start, details=False)
-        for told in (True, False)
-    )
-    for name in ("innovations", "innovation_cov", "gain", "nis", "after", "after_cov"):
-        one, other = getattr(found, name), getattr(expected, name)
-        assert np.max(np.abs(one - other)) <= 1e-11 * np.max(np.abs(other)), name
 
 
 @pytest.mark.parametrize(

@@ -274,7 +274,7 @@ def compare(
     flats = [source.model(one) for one in _each(models)]
     results = [fits] * len(flats) if fits is None or isinstance(fits, FitResult) else list(fits)
     measured, experiments = source.recordings(flats[0], data)
-    names = [output.name for output in measured.outputs]
+    names = measured.output_names
     candidates = [_candidate(flat, result, names, hold) for flat, result in zip(flats, results, strict=True)]
     return comparing.compare_models(
         candidates, experiments, bootstrap=bootstrap, seed=seed, jobs=os.cpu_count() or 1
@@ -376,7 +376,7 @@ def _is_library(values: Sequence[Any]) -> bool:
 
 
 def _candidate(flat: Model, fit: FitResult | None, names: Sequence[str], hold: Hold | None) -> Candidate:
-    present = {output.name for output in flat.outputs}
+    present = set(flat.output_names)
     missing = [name for name in names if name not in present]
     if missing:
         raise ConfigError(

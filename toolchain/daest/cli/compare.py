@@ -150,13 +150,13 @@ def opened(
         else:
             candidate = _candidate(project, source, flat, options)
             candidates.append(replace(candidate, flat=with_settings(candidate.flat, _own(held, flat))))
-    names = [output.name for output in measured.outputs]
+    names = measured.output_names
     return [_on(each, names, source) for each, source in zip(candidates, sources, strict=True)], experiments
 
 
 def _own(held: Mapping[str, float], flat: Model) -> dict[str, float]:
     """Those of the values whose parameters the model has."""
-    known = {p.name for p in flat.parameters}
+    known = set(flat.parameter_names)
     return {name: value for name, value in held.items() if name in known}
 
 
@@ -201,7 +201,7 @@ def _with_fit(flat: Model, document: Mapping[str, Any], hold: Hold, notes: tuple
     from daest.diagnosis.trial import Candidate
 
     names, cov = parameter_covariance(document)
-    known = {p.name for p in flat.parameters}
+    known = set(flat.parameter_names)
     kept = [i for i, name in enumerate(names) if name in known]
     return Candidate(
         name=flat.name,
@@ -238,7 +238,7 @@ def parameter_covariance(document: Mapping[str, Any]) -> tuple[tuple[str, ...], 
 def _on(candidate: Candidate, names: Sequence[str], source: Path) -> Candidate:
     from daest.modelica.change import with_outputs
 
-    missing = [name for name in names if name not in {output.name for output in candidate.flat.outputs}]
+    missing = [name for name in names if name not in candidate.flat.output_names]
     if missing:
         raise ConfigError(
             "compare-missing-output",

@@ -251,7 +251,7 @@ def _recordings(
         note(f"{problem.what}: what the recording tells of the parameters is not counted")
         kept, estimation, validation = training_data(flat, project, data, options, others=False)
         recordings, played = [*estimation, *validation], []
-    names = [y.name for y in kept.outputs]
+    names = kept.output_names
     return with_outputs(flat, names), with_outputs(driven, names), recordings, played
 
 
@@ -269,7 +269,7 @@ def _limits(flat: Model, recordings: Sequence[Experiment], wish: Wish, hold: Hol
         inputs.append(Range(variable.name, variable.unit, low, high, rates.pop(variable.name, rate)))
     units = {v.name: v.unit for v in flat.unknowns} | {y.name: y.unit for y in flat.outputs}
     _require_known([*given, *rates], units, flat)
-    played = {v.name for v in flat.inputs}
+    played = set(flat.input_names)
     moved = dict.fromkeys(n for e in recordings for n in e.input_names if n not in played)  # by a controller
     given = {name: _shown(name, recordings)[:2] for name in moved} | given
     safe = tuple(Range(name, units[name], low, high) for name, (low, high) in given.items())
@@ -310,20 +310,20 @@ def _period(recordings: Sequence[Experiment]) -> float | None:
 def _require_known(names: Sequence[str], units: Mapping[str, str], flat: Model) -> None:
     from daest.near import nearest
 
-    known = [*units, *(v.name for v in flat.inputs)]
+    known = [*units, *flat.input_names]
     for name in names:
         if name not in units:
             raise ConfigError(
                 "design-limit-unknown",
                 f"--limit and --rate name '{name}', which is no variable of {flat.name}",
-                remedy=nearest(name, known) or f"its inputs are {', '.join(v.name for v in flat.inputs)}",
+                remedy=nearest(name, known) or f"its inputs are {', '.join(flat.input_names)}",
             )
 
 
 def _recorded_inputs(flat: Model, recordings: Sequence[Experiment], limits: Limits) -> tuple[np.ndarray, ...]:
     from daest.design.design import at_period
 
-    names = [v.name for v in flat.inputs]
+    names = flat.input_names
     return tuple(at_period(e, names, limits.period) for e in recordings)
 
 

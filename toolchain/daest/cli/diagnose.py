@@ -253,7 +253,7 @@ def _straight(flat: Model, hold: Hold | None) -> tuple[str, ...]:
     if hold is not None:
         return ()
     derivatives = acting_slopes(dynamics(flat))
-    remarks = slope_note([v.name for v in flat.inputs], [d.index for d in derivatives])
+    remarks = slope_note(flat.input_names, [d.index for d in derivatives])
     for remark in remarks:
         note(remark)
     return remarks
@@ -337,7 +337,7 @@ def _options(
     from daest.cli.results import parameter_values
 
     effects, places = _known(flat, search, folders)
-    known = {p.name for p in flat.parameters}
+    known = set(flat.parameter_names)
     values = {} if fit is None else parameter_values(fit.document)
     fitted = {name: value for name, value in values.items() if name in known}
     return replace(_engine_options(search, effects, places, hold), fitted=fitted)
@@ -450,7 +450,7 @@ def _require_seen(case: Case, found: Diagnosis) -> None:
     if not case.options.places or not entries or not all(e.absorbed for e in entries):
         return
     places = ", ".join(dict.fromkeys(e.candidate.site.name for e in entries))
-    outputs = ", ".join(o.name for o in case.flat.outputs)
+    outputs = ", ".join(case.flat.output_names)
     raise EstimationError(
         "diagnose-unseen",
         f"the outputs {outputs} tell nothing about an effect at {places}: it does not reach them, or the "

@@ -113,7 +113,7 @@ def export_estimator(
 
     flat, found = with_fit(project, source, flat)
     fit = {} if found is None else found.document
-    names = [one.name for one in flat.inputs]
+    names = flat.input_names
     given = ((options.hold, "--hold"), (project.hold, TOLD_HOLD), (fit.get("hold"), "the fit"))
     hold = next((checked_hold(one, names, where) for one, where in given if one), None) or FOH
     period = options.step or fit.get("period")

@@ -153,7 +153,7 @@ def _values(
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Values of the effect's parameters, and those of the model's."""
     own = {p.name for p in effect.parameters}
-    model = {p.name for p in flat.parameters} - own
+    model = set(flat.parameter_names) - own
     values = {name: value for name, value in settings.items() if name not in model}
     return values, {name: value for name, value in settings.items() if name in model}
 

@@ -247,7 +247,7 @@ def open_stream(
     from daest.modelica.change import with_outputs
 
     _refuse(data_options, kind)
-    flat, hold = fitted_model(project, model, model_options, data_options)
+    flat, hold = _with_its_fit(project, model, model_options, data_options)
     flat = with_settings(flat, settings or {})
     source = source_name(data)
     lines = lines_of(data, options.idle)
@@ -284,7 +284,7 @@ def open_stream(
     )
 
 
-def fitted_model(
+def _with_its_fit(
     project: Project, model: Path | None, model_options: ModelOptions, data_options: DataOptions
 ) -> tuple[Model, Any]:
     """The model with its fit, if there is one, and the hold of its inputs."""

@@ -192,7 +192,7 @@ def simulated(case: Case, step: Step, written: Written) -> dict[str, float | Non
 
     if written.extension is None:
         return None
-    outputs = [o.name for o in case.flat.outputs]
+    outputs = case.flat.output_names
     flat = written.extension.flat
     try:
         return simulated_rms(flat, outputs, written.columns, case.validation, step.fit.hold)

@@ -148,7 +148,7 @@ def _document(file: Path, draft: Any, checks: Sequence[DataCheck]) -> InitDocume
         "doubtful": [m.signal.name for m in (*draft.inputs, *draft.outputs) if m.how not in (None, "name")],
         "estimate": [p.name for p in draft.flat.parameters if p.estimate],
         "proposed": list(draft.proposed),
-        "noises": [noise.name for noise in draft.flat.noises],
+        "noises": draft.flat.noise_names,
         "time": draft.time,
         "units": dict(draft.units),
         "recordings": [entry(Clock, check) for check in checks],

@@ -153,7 +153,7 @@ def _with_declared(flat: Model, project: Project, problems: list[DaestError]) ->
         if "outputs" in step:
             outputs += step["outputs"]
             # All together until the noises are known: they may belong to any.
-            present = [output.name for output in flat.outputs]
+            present = flat.output_names
             flat = declare(flat, outputs=list(dict.fromkeys([*present, *outputs])))
         else:
             flat = changed
@@ -167,7 +167,7 @@ def _estimated(name: str, setting: NoiseSetting) -> list[dict[str, Any]]:
 def _with_parameters(
     flat: Model, settings: Mapping[str, ParameterSetting], file: str, problems: list[DaestError]
 ) -> Model:
-    names = [parameter.name for parameter in flat.parameters]
+    names = flat.parameter_names
     for name in settings:
         if name not in names:
             problems.append(

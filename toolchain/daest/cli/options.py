@@ -175,7 +175,7 @@ class DataOptions:
         from daest.model.holds import FOH, checked_hold
 
         kept = None if fit is None else fit.get("hold")
-        names = [one.name for one in flat.inputs]
+        names = flat.input_names
         return self.known_hold(project, flat) or checked_hold(kept, names, "the fit") or FOH
 
     def known_hold(self, project: Project, flat: Model) -> Hold | None:
@@ -187,7 +187,7 @@ class DataOptions:
         hold, where = self.hold, "--hold"
         if hold is None:
             hold, where = project.hold, TOLD_HOLD
-        hold = checked_hold(hold, [one.name for one in flat.inputs], where)
+        hold = checked_hold(hold, flat.input_names, where)
         return FOH if self.hold is None and self.preparation(project).period is not None else hold
 
 

@@ -10,7 +10,7 @@ import json
 import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from daest.cache import hash_of
 from daest.cli.output import CHOOSE_FOLDER, LATEST, Document, note, to_json, whole_file, with_schema
 from daest.data.project import Project
 from daest.errors import ConfigError, Place
+from daest.estimation.fitted import with_fit_values
 from daest.files import why_no_file
 from daest.machine import version
 from daest.model.flat import FlatModel, Model
@@ -126,23 +127,11 @@ def with_fit(project: Project, source: Path, flat: Model) -> tuple[Model, KeptFi
 
 
 def fitted(flat: Model, document: Mapping[str, Any]) -> Model:
-    """The model with all parameters of a fit, held ones too, and its noises, where the names exist.
-
-    An output-error fit has no process noise, and then the model has none.
-    """
-    values = parameter_values(document)
+    """The model with all parameters of a fit, held ones too, and its noises, as `fitted_model`."""
     noise = document.get("noise", {})
-    intensities = {name: entry["intensity"] for name, entry in noise.get("process", {}).items()}
-    stds = {name: entry["std"] for name, entry in noise.get("measurement", {}).items()}
-    without = 0.0 if document.get("method") == "oe" else None
-    return replace(
-        flat.with_theta(values),
-        noises=tuple(
-            replace(w, intensity=intensities.get(w.name, w.intensity if without is None else without))
-            for w in flat.noises
-        ),
-        outputs=tuple(replace(y, noise_std=stds.get(y.name, y.noise_std)) for y in flat.outputs),
-    )
+    intensity = {name: entry["intensity"] for name, entry in noise.get("process", {}).items()}
+    std = {name: entry["std"] for name, entry in noise.get("measurement", {}).items()}
+    return with_fit_values(flat, document.get("method"), parameter_values(document), intensity, std)
 
 
 def parameter_values(document: Mapping[str, Any]) -> dict[str, float]:

@@ -249,6 +249,26 @@ def resample(experiment: Experiment, period: float, hold: Hold = FOH) -> Experim
         )
     times = _aligned(even, first, n_new, period)
     weights = _filter_matrix(even.time, times, period, _low_pass)
+    inputs, extra = _filtered_inputs(even, times, period, own, hold)
+    note = (
+        f"{_RESAMPLED} {period:.6g} s behind a linear-phase low-pass filter "
+        f"(half gain at {0.5 * CUTOFF / period:.4g} Hz); {half_width:.3g} s dropped at either end"
+    )
+    return replace(
+        experiment,
+        time=times,
+        inputs=inputs,
+        outputs=_apply(weights, even.outputs),
+        extra=extra,
+        notes=(*experiment.notes, note),
+    )
+
+
+def _filtered_inputs(
+    even: Experiment, times: np.ndarray, period: float, own: float, hold: Hold
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Inputs (n_times, n_u), and the signals that the model does not use yet, which may become inputs: those
+    that are held for the recording's `own` period, and the others."""
     held = held_inputs(hold, even.input_names)
     driving = {
         is_held: _filter_matrix(
@@ -259,21 +279,8 @@ def resample(experiment: Experiment, period: float, hold: Hold = FOH) -> Experim
     inputs = np.empty((times.size, held.size))
     for is_held, matrix in driving.items():
         inputs[:, held == is_held] = _apply(matrix, even.inputs[:, held == is_held])
-    note = (
-        f"{_RESAMPLED} {period:.6g} s behind a linear-phase low-pass filter "
-        f"(half gain at {0.5 * CUTOFF / period:.4g} Hz); {half_width:.3g} s dropped at either end"
-    )
-    return replace(
-        experiment,
-        time=times,
-        inputs=inputs,
-        outputs=_apply(weights, even.outputs),
-        # What the model does not use yet may become an input.
-        extra={
-            name: _apply(driving[hold == ZOH], values[:, None])[:, 0] for name, values in even.extra.items()
-        },
-        notes=(*experiment.notes, note),
-    )
+    other = driving[hold == ZOH]
+    return inputs, {name: _apply(other, values[:, None])[:, 0] for name, values in even.extra.items()}
 
 
 def _rows(experiment: Experiment, keep: np.ndarray, part: str) -> Experiment:

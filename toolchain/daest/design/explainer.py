@@ -130,7 +130,7 @@ class Driven:
 
     @property
     def variable_names(self) -> tuple[str, ...]:
-        return tuple(v.name for v in self.explicit.flat.unknowns)
+        return self.explicit.flat.unknown_names
 
     @property
     def chosen(self) -> list[int]:

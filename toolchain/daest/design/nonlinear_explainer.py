@@ -70,7 +70,7 @@ class NonlinearExplainer(Driven):
         gain = np.zeros(average.C.T.shape)
         if found is not None:  # it corrects the state at the sample itself
             gain = sampled_average(average, intensity, stds).transition @ found.gain @ root
-        noises = tuple(w.name for w in self.explicit.flat.noises)
+        noises = self.explicit.flat.noise_names
         return ErrorModel(average.A, average.G, np.linalg.solve(root, average.C), gain, noises, self.period)
 
     def by_noise(self, n_samples: int) -> np.ndarray:

@@ -83,7 +83,7 @@ def _with_noise(flat: Model) -> Model:
 
 
 def _unknowns(subject: Subject, flat: Model, *, with_noises: bool) -> Unknowns:
-    known = [p.name for p in flat.parameters]
+    known = flat.parameter_names
     chosen = [flat.parameters[known_name(name, known, "parameter")] for name in subject.names]
     coordinates = [parameter_coordinate(flat, p.name, p.value, (p.min, p.max)) for p in chosen]
     intensity = np.array([w.intensity for w in flat.noises], dtype=float)

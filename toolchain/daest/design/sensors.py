@@ -75,7 +75,7 @@ def _is_open(aim: Aim, wide: Sequence[Explainer], rows: Sequence[int], inputs: n
 
 def _widened(subject: Subject, stds: Mapping[str, float], limits: Limits) -> Explainer:
     """The model with all these variables as outputs, after its own."""
-    own = [y.name for y in subject.flat.outputs]
+    own = subject.flat.output_names
     flat = declare(subject.flat, outputs=[*own, *stds])
     outputs = tuple(
         y if i < len(own) else replace(y, noise_std=stds[y.name]) for i, y in enumerate(flat.outputs)

@@ -64,7 +64,7 @@ def affine_trial(candidate: Candidate, experiments: Sequence[Experiment], model:
         simulated=_outputs(problem, simulated),
         predicted=_outputs(problem, predicted),
         residuals=() if predicted is None else _residuals(problem, predicted),
-        variable_names=tuple(v.name for v in family.unknowns),
+        variable_names=family.unknown_names,
         variable_units=tuple(v.unit for v in family.unknowns),
         simulated_variables=_variables(model, problem, experiments, theta, _states(problem, simulated)),
         predicted_variables=_variables(model, problem, experiments, theta, states),

@@ -155,7 +155,7 @@ def diagnose_black_box(
 
 
 def _require_places(flat: Model, places: Sequence[str]) -> None:
-    known = [*(v.name for v in flat.inputs), *(y.name for y in flat.outputs)]
+    known = [*flat.input_names, *flat.output_names]
     for place in places:
         if place not in known:
             raise ModelError(
@@ -318,7 +318,7 @@ def _problem(
     """The output error of the FMU with `size` of the trial, over the parameters `names` (default: those of
     the case) and the size, and the point where it stands."""
     flat, names = case.flat, tuple(case.names if names is None else names)
-    values = dict(zip((p.name for p in flat.parameters), case.theta, strict=True))
+    values = dict(zip(flat.parameter_names, case.theta, strict=True))
     bounds = {p.name: (p.min, p.max) for p in flat.parameters}
     unknown = [parameter_coordinate(flat, name, values[name], bounds[name]) for name in names]
     theta, parameters = case.theta, flat.parameters
@@ -353,7 +353,7 @@ def _law(case: Case, trial: Trial, size: float) -> Law:
     elif trial.reads == "signal":
         column = trial.number
     elif trial.variable:
-        reads = case.flat.form.form.states[[v.name for v in case.flat.unknowns].index(trial.variable)]
+        reads = case.flat.form.form.states[case.flat.unknown_names.index(trial.variable)]
     return Law(trial.program, trial.number, reads, column, size)
 
 
@@ -435,7 +435,7 @@ def _proof(task: _Refit, leader: Leader) -> Proof:
     fitted, size, std_error, errors = _refitted(case, trial, entry.sizes[0])
     tried = _with_fitted_starts(replace(task.validation, theta=fitted.theta), trial, size)
     unseen = _agreement(tried, _residuals(tried, trial, size))
-    theta = dict(zip((p.name for p in case.flat.parameters), fitted.theta.tolist(), strict=True))
+    theta = dict(zip(case.flat.parameter_names, fitted.theta.tolist(), strict=True))
     own, unit = f"{trial.candidate.name}.size", trial.candidate.size_unit
     known = [replace(p, value=theta[p.name], std_error=None) for p in baseline.parameters]
     fitted_size = FittedParameter(own, size, std_error, entry.sizes[0], unit, None, None, None)
@@ -493,15 +493,15 @@ def _with_fitted_starts(case: Case, trial: Trial | None = None, size: float = 0.
 
 
 def _agreement(case: Case, errors: Sequence[np.ndarray]) -> Agreement:
-    return agreement_of([o.name for o in case.flat.outputs], [e.outputs for e in case.experiments], errors)
+    return agreement_of(case.flat.output_names, [e.outputs for e in case.experiments], errors)
 
 
 # --------------------------------------------------------------------------------------------- verdict
 
 
 def _limits_of_the_box(case: Case) -> str:
-    inputs = ", ".join(v.name for v in case.flat.inputs) or "none"
-    outputs = ", ".join(o.name for o in case.flat.outputs)
+    inputs = ", ".join(case.flat.input_names) or "none"
+    outputs = ", ".join(case.flat.output_names)
     return (
         f"(A black box: what acts together with the inputs {inputs}, as a law of a state or a recorded "
         f"column, and faults of the sensors of {outputs} could be tried; nothing between its parts.)"

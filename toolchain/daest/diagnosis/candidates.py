@@ -287,7 +287,7 @@ def courses(
     states_there = with_integrals(explicit, brought_rows(explicit, states), time[chosen], x.T, (u, v))
     columns = [states_there, u.T, v.T, w, explicit.flat.theta_values, time[chosen][:, None]]
     values = along(_dense(explicit.variables), columns)[0]
-    names = [v.name for v in explicit.flat.unknowns]
+    names = explicit.flat.unknown_names
     found = dict(zip(names, values.T, strict=True))
     return found | {v.name: row for v, row in zip(explicit.flat.inputs, u, strict=True)}
 

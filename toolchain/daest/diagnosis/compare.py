@@ -166,7 +166,7 @@ def _tests(
 ) -> tuple[Raw, dict[str, RawTest]]:
     if not trial.residuals:
         return {}, {}
-    names = [output.name for output in candidate.flat.outputs]
+    names = candidate.flat.output_names
     variables = _signals(candidate.flat, experiments, trial, trial.predicted_variables)
     counts = np.cumsum([e.n_samples for e in experiments])[:-1]
     columns = (

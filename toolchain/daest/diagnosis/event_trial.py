@@ -28,7 +28,7 @@ def with_predictions(
     """The trial of a simulation, with the predictions of the extended filter. Errors of several outputs at
     one sample are each given the ones before it, which makes them independent."""
     model = FilterModel.of(explicit, FilterOptions())
-    names = tuple(output.name for output in explicit.flat.outputs)
+    names = explicit.flat.output_names
     options = FilterOptions(hold=candidate.hold)
     predicted, variables, residuals, starts, value = [], [], [], [], 0.0
     try:

@@ -261,7 +261,7 @@ def _predicted_variables(null: Null, run: NullObserver, number: int) -> dict[str
     one = null.experiments[number]
     held = np.vstack([one.inputs[:1], interval_ends(one.inputs, null.hold, one.input_names)])
     values = _variables_at(null, one, run.observed[number].predicted, held)
-    names = [v.name for v in null.explicit.flat.unknowns]
+    names = null.explicit.flat.unknown_names
     return dict(zip(names, values, strict=True)) | dict(zip(one.input_names, held.T, strict=True))
 
 

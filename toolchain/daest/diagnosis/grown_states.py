@@ -157,8 +157,7 @@ def grown_states(
     zeros = [np.zeros(own.rhs.numel_in(i)) for i in (1, 2, 3)]
     point = (x, *zeros, theta, 0.0)
     values: Any = ca.vertcat(cast(Any, own.variables(*point)), cast(Any, own.variable_derivatives(*point)))
-    names = [v.name for v in own.flat.unknowns]
-    names += [f"der({name})" for name in names]
+    names = [*own.flat.unknown_names, *(f"der({name})" for name in own.flat.unknown_names)]
     brought = brought_rows(explicit, names)
     common = [i for i in range(explicit.n_states) if i not in brought]
     missing = [explicit.state_names[i] for i in common if explicit.state_names[i] not in names]

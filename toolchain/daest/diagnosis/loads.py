@@ -105,8 +105,8 @@ def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]
 def _free_names(flat: FlatModel) -> Iterator[str]:
     """`load_1`, `load_2` and so on, without those that the model has for a variable, a parameter or a
     component of its own."""
-    variables = {v.name for v in (*flat.unknowns, *flat.inputs)} | {y.name for y in flat.outputs}
-    others = {p.name for p in flat.parameters} | {w.name for w in flat.noises}
+    variables = {v.name for v in (*flat.unknowns, *flat.inputs)} | set(flat.output_names)
+    others = set(flat.parameter_names) | set(flat.noise_names)
     own = {name.split(".")[0].split("[")[0] for name in variables | others}
     return (name for name in (f"load_{i}" for i in count(1)) if name not in own)
 

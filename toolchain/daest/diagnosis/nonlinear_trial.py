@@ -93,7 +93,7 @@ def nonlinear_trial(candidate: Candidate, experiments: Sequence[Experiment], mod
         simulated=_outputs(experiments, simulated),
         predicted=_outputs(experiments, predicted),
         residuals=() if predicted is None else tuple(e / std for e in predicted.errors),
-        variable_names=tuple(v.name for v in flat.unknowns),
+        variable_names=flat.unknown_names,
         variable_units=tuple(v.unit for v in flat.unknowns),
         simulated_variables=_variables(problem, simulated),
         predicted_variables=_variables(problem, predicted),

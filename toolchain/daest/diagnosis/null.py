@@ -119,7 +119,7 @@ def fit_null(
     period = period_of(experiments)
     loaded = with_loads(flat, places, [FIRST_LOAD * period] * len(places))
     explicit = reduce_index(loaded)
-    names = moving_inputs(experiments, [one.name for one in flat.inputs])
+    names = moving_inputs(experiments, flat.input_names)
     asked = (hold,) if hold else _asked_holds(explicit, experiments, held, names)
     is_affine = has_affine_dynamics(explicit)
     times = tuple(place.time_constant for place in places)
@@ -206,8 +206,8 @@ def _is_open(parameter: Parameter) -> bool:
 def with_noise(null: Null, intensity: np.ndarray, std: np.ndarray) -> Null:
     """The null, not fitted again, with white noises of that `intensity` (n_w,) and sensors of that `std`
     (n_y,)."""
-    process = dict(zip((w.name for w in null.flat.noises), intensity.tolist(), strict=True))
-    measured = dict(zip((o.name for o in null.flat.outputs), std.tolist(), strict=True))
+    process = dict(zip(null.flat.noise_names, intensity.tolist(), strict=True))
+    measured = dict(zip(null.flat.output_names, std.tolist(), strict=True))
     noises = tuple(
         replace(n, value=(process if n.kind == "process" else measured).get(n.name, n.value))
         for n in null.fit.noises
@@ -487,7 +487,7 @@ def refitted(
     )
     n_w = len(flat.noises)
     unknowns = Unknowns(coordinates, flat.theta_values, np.zeros(n_w), np.ones(len(flat.outputs)))
-    levels = dict(zip((w.name for w in null.flat.noises), null.intensity, strict=True))
+    levels = dict(zip(null.flat.noise_names, null.intensity, strict=True))
     intensity = np.array([levels.get(w.name, 0.0) for w in flat.noises])
     options = IdentifyOptions(hold=null.hold, max_iterations=max_iterations)
     found = search_on(

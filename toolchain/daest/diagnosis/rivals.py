@@ -71,16 +71,9 @@ Fit = Callable[[IdentifyOptions, float], Simulation]  # from the least log-likel
 DynamicFits = Sequence[tuple[float, Prepared]]  # log-likelihoods of simulations with the effects
 
 
-def dynamic_trials(null: Null, candidates: Sequence[Candidate]) -> tuple[Prepared, ...]:
-    """The dynamic effects that improve the simulation most, started from their output-error fits. Only for
-    models with affine dynamics, where such a fit takes a fraction of a second."""
-    wanted = [c for c in candidates if c.is_dynamic and not c.inputs]
-    simulation = best_simulation(null) if wanted else None
-    return () if simulation is None else best_dynamic(null, [dynamic_fits(null, wanted, simulation)])
-
-
 def dynamic_fits(null: Null, wanted: Sequence[Candidate], simulation: Simulation) -> DynamicFits:
-    """Output-error fits of those of the wanted effects with states that improve the simulation.
+    """Output-error fits of those of the wanted effects with states that improve the simulation; for models
+    with affine dynamics, where such a fit takes a fraction of a second.
 
     They start from the `simulation` of the model as it is (`best_simulation`): beside loads that are free
     enough to take the place of an effect with states, the null's parameters may have gone anywhere."""

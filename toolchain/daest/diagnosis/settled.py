@@ -116,7 +116,7 @@ def simulated(
     uncertainty includes the choice, as far as that is one: the distance to an estimate that simulates much
     worse counts little."""
     names = tuple(p.name for p in white.parameters)
-    known = {p.name for p in flat.parameters}
+    known = set(flat.parameter_names)
     lost = _lost(null, white)
     begun = white.theta if beside is None else _better_in_simulation(white, beside)
     starts = [begun] + ([{**begun, **lost}] if lost else [])

@@ -133,7 +133,7 @@ def growth_of(
     flat: Model, steps: Sequence[int], period: float, squares: np.ndarray, counts: np.ndarray
 ) -> tuple[Horizon, ...]:
     """rms errors from sums of squares and counts (n_horizons, n_y); `period` [s] is that of one step."""
-    names = [output.name for output in flat.outputs]
+    names = flat.output_names
     return tuple(
         Horizon(
             steps=h,

@@ -381,7 +381,7 @@ def steady_misfit(
     model = integrator(still.explicit)
     root, free = np.diag(1.0 / null.measurement_std), np.ones(len(explicit.state_names), dtype=bool)
     gain = np.zeros((free.size, len(flat.outputs)))
-    names = [one.name for one in flat.inputs]
+    names = flat.input_names
     driving = (one.as_driving(names) for one in experiments)
     begun = partial(_initial_state, still, model, gain=gain, root=root)
     return _squared_errors(still, model, driving, root, free, begun)

@@ -155,7 +155,7 @@ def _identifier(column: str, flat: FlatModel) -> str:
     """A name for the input that a column supplies: the column's where Modelica and the model allow it."""
     base = re.sub(r"\W", "_", column, flags=re.ASCII)
     base = base if base[:1].isalpha() else f"u_{base}"
-    taken = names_of(flat) - {v.name for v in flat.inputs}
+    taken = names_of(flat) - set(flat.input_names)
     return free_name(base, taken)
 
 
@@ -233,7 +233,7 @@ def simulated_rms(
     that the experiments lack are their recorded `columns`."""
     silent = replace(flat, noises=tuple(replace(w, intensity=0.0) for w in flat.noises))
     model = declare(silent, outputs=list(outputs))
-    driven = [_driven(e, [v.name for v in flat.inputs], columns) for e in experiments]
+    driven = [_driven(e, flat.input_names, columns) for e in experiments]
     comparison = compare_models([Trialled(flat.name, model, 0, hold)], driven)
     return dict(comparison.models[0].simulation.rms)
 

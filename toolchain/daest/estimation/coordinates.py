@@ -134,7 +134,7 @@ def parameter_coordinate(
     """Coordinate of a model parameter; scale "auto" is logarithmic where min >= 0 and the start is
     positive.
     """
-    index = [p.name for p in family.parameters].index(name)
+    index = family.parameter_names.index(name)
     parameter = family.parameters[index]
     lower = -np.inf if bounds[0] is None else bounds[0]
     upper = np.inf if bounds[1] is None else bounds[1]

@@ -392,7 +392,7 @@ class EkfEnds:
         limit = np.full(len(asked) * size.size, FIT.state_range)
         x0 = fit_initial_states(held, np.concatenate(asked), -limit, limit)
         fit = minimise(objective(held), x0, -limit, limit, AGREEMENT_ITERATIONS)
-        names = [y.name for y in explicit.flat.outputs]
+        names = explicit.flat.output_names
         simulation = None if fit is None else prediction_errors(held, fit.z)
         measured = [e.outputs for e in experiments]
         simulated = None if simulation is None else list(simulation.errors)

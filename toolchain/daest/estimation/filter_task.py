@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daest.errors import EstimationError
+from daest.model.estimates import singular_innovation
 from daest.model.holds import Hold
 from daest.systems.integrate import interval_inputs
 from daest.systems.integration import IntegrationError
@@ -116,10 +117,6 @@ def raise_failure(status: int, model: LocalModel, data: Record, sample: int) -> 
         raise MemoryError("no memory for the work arrays of a filter")
     time = float(data.time[min(sample, data.time.size - 1)])
     if status == SINGULAR_INNOVATION:
-        raise EstimationError(
-            "filter-singular-innovation",
-            f"an output can be predicted without any error at t = {time:g} s",
-            remedy="give every measured output a standard deviation above zero",
-        )
+        raise singular_innovation(f"at t = {time:g} s")
     if status:
         raise IntegrationError("the model gives no finite derivative or output", time)

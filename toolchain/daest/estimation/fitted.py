@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from daest.model.fit import FitResult
@@ -17,15 +18,27 @@ def fitted_model(flat: Model, fit: FitResult) -> Model:
         >>> bool(daest.fitted_model(flat, fit).theta_values[4] == fit.theta["R"])
         True
     """
-    sizes = {(noise.kind, noise.name): noise.value for noise in fit.noises}
-    none = 0.0 if fit.method == "oe" else None
+    intensity, std = (
+        {noise.name: noise.value for noise in fit.noises if noise.kind == kind}
+        for kind in ("process", "measurement")
+    )
+    return with_fit_values(flat, fit.method, fit.theta, intensity, std)
+
+
+def with_fit_values(
+    flat: Model,
+    method: str | None,
+    theta: Mapping[str, float],
+    intensity: Mapping[str, float],
+    std: Mapping[str, float],
+) -> Model:
+    """The same of values by name: parameters, process intensities and measurement standard deviations."""
+    without = 0.0 if method == "oe" else None
     return replace(
-        flat.with_theta(fit.theta),
+        flat.with_theta(theta),
         noises=tuple(
-            replace(w, intensity=sizes.get(("process", w.name), w.intensity if none is None else none))
+            replace(w, intensity=intensity.get(w.name, w.intensity if without is None else without))
             for w in flat.noises
         ),
-        outputs=tuple(
-            replace(y, noise_std=sizes.get(("measurement", y.name), y.noise_std)) for y in flat.outputs
-        ),
+        outputs=tuple(replace(y, noise_std=std.get(y.name, y.noise_std)) for y in flat.outputs),
     )

@@ -58,7 +58,7 @@ def identify(
     if isinstance(model, Model) and (model.events is not None or not family.is_affine):
         return _nonlinear_fit(model, setup, tell, began)
     slopes = [] if setup.options.hold else needed_slopes(family, setup.unknowns)
-    straight = slope_note([v.name for v in family.inputs], slopes)
+    straight = slope_note(family.input_names, slopes)
     notes = (*([] if family.is_affine else [LINEARISED]), *straight, *setup.notes)
     setup = replace(setup, notes=(*notes, *([ELIMINATED] if setup.options.shooting else [])))
     return fit_result(setup, linear_ends(family, setup, tell), tell, began)
@@ -77,7 +77,7 @@ def searched(
     ends = linear_ends(family, setup, silent)
     unknowns, best = ends.problem.unknowns, ends.found[0]
     theta = unknowns.values(best.z)[0]
-    names = (p.name for p in family.parameters)
+    names = family.parameter_names
     return log_likelihood(unknowns, best), dict(zip(names, theta.tolist(), strict=True))
 
 
@@ -88,7 +88,7 @@ def _nonlinear_fit(model: Model, setup: Setup, tell: Tell, began: float) -> FitR
     explicit = explicit if model.events is not None else good_everywhere(explicit)
     if setup.options.hold is None:
         slopes = acting_slopes(explicit, setup.unknowns.parameter_names(), setup.unknowns.theta)
-        straight = slope_note([v.name for v in model.inputs], [d.index for d in slopes])
+        straight = slope_note(model.input_names, [d.index for d in slopes])
         setup = replace(setup, notes=(*straight, *setup.notes))
     # States that constraints tie have no observer with a constant gain.
     by_ekf = setup.options.likelihood == "ekf" or explicit.invariants is not None

@@ -11,7 +11,7 @@ solution corrects states, covariances and likelihood at every sample.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,7 +24,6 @@ from daest.estimation.flat_start import (
     whitening,
 )
 from daest.estimation.gates import FIT
-from daest.estimation.hessenberg import hessenberg_states, in_states
 from daest.estimation.modes import (
     LONG_RUN,
     Models,
@@ -45,11 +44,12 @@ from daest.model.estimates import (
     KalmanResult,
     Modes,
     Varying,
+    singular_innovation,
 )
 from daest.model.experiment import Experiment
 from daest.model.linear import DiscreteModel
 from daest.numerics.gaussian import CHUNK, FREE_TOLERANCE, undetermined
-from daest.numerics.kalman_pass import KalmanSteps, StepMatrices, Stop, constant_gain, is_driven, kalman_steps
+from daest.numerics.kalman_pass import KalmanSteps, StepMatrices, Stop, constant_gain, kalman_steps
 from daest.numerics.riccati import predictor_gain, unobservable_subspace
 
 SETTLING = 1000  # samples after which the Riccati equation is asked where a covariance has not settled
@@ -89,19 +89,8 @@ def kalman_filter(
     `filter-uneven-samples`, `filter-initial-state`, `filter-singular-innovation`, and those of
     `stationary_filter` for the stationary kind.
     """
-    forward, start = _pass_over(model, experiment, initial, kind, state_names, details=True)
+    forward, start = _pass_over(model, experiment, initial, kind, state_names)
     return _assemble(kind, experiment.time, forward, flat_start(forward), start)
-
-
-def log_likelihood(
-    model: Models,
-    experiment: Experiment,
-    initial: InitialState | None = None,
-    kind: FilterKind = "time-varying",
-) -> float:
-    """`kalman_filter(...).log_likelihood` without the estimates; arguments and errors as there."""
-    forward, start = _pass_over(model, experiment, initial, kind, None, details=False)
-    return _log_likelihood(forward, flat_start(forward), start)
 
 
 def _pass_over(
@@ -110,8 +99,6 @@ def _pass_over(
     initial: InitialState | None,
     kind: FilterKind,
     state_names: tuple[str, ...] | None,
-    *,
-    details: bool,
 ) -> tuple[FilterPass, PassStart]:
     models, which = models_by_interval(model, experiment.time)
     modes = modes_of(models, which, experiment.outputs)
@@ -120,22 +107,7 @@ def _pass_over(
     if not np.all(modes.present):
         z[np.isnan(z)] = 0.0
     start = _start(models, modes, initial, kind, state_names)
-    if not details and kind != "stationary" and not start.sensitivity.size:
-        modes, drive, start = _in_cheaper_states(modes, drive, start)
-    return _forward_pass(modes, z, drive, start, details), start
-
-
-def _in_cheaper_states(
-    modes: Modes, drive: np.ndarray, start: PassStart
-) -> tuple[Modes, np.ndarray, PassStart]:
-    """The same pass in states in which a step costs least; its likelihood is the same."""
-    found = hessenberg_states(modes, start.cov, drive.shape[0])
-    if found is None:
-        return modes, drive, start
-    T, inverse = found
-    cov = inverse @ start.cov @ inverse.T
-    start = replace(start, mean=inverse @ start.mean, cov=(cov + cov.T) / 2, scale=np.sqrt(np.diagonal(cov)))
-    return in_states(modes, T, inverse), drive @ inverse.T if is_driven(drive) else drive, start
+    return _forward_pass(modes, z, drive, start), start
 
 
 def _start(
@@ -266,13 +238,10 @@ class _Recorder:
         return (kept[0] if len(kept) == 1 else np.concatenate(kept)) if kept else np.zeros((0, 0, 0))
 
 
-def _forward_pass(
-    modes: Modes, z: np.ndarray, drive: np.ndarray, start: PassStart, details: bool
-) -> FilterPass:
-    """`details`: with the covariances of all samples, and gain and covariance after the outputs."""
+def _forward_pass(modes: Modes, z: np.ndarray, drive: np.ndarray, start: PassStart) -> FilterPass:
     n_samples, n_y = z.shape
     recorder = _Recorder(n_samples, start.mean.size, n_y)
-    plan = _Plan(modes, start, details)
+    plan = _Plan(modes, start)
     k, M, P = 0, np.column_stack([start.mean, start.sensitivity]), start.cov
     while k < n_samples:
         end = int(plan.run_end[k])
@@ -296,12 +265,11 @@ class _Plan:
     else the sequence of covariances itself tells that it has settled.
     """
 
-    def __init__(self, modes: Modes, start: PassStart, details: bool) -> None:
-        self.modes, self.details = modes, details
+    def __init__(self, modes: Modes, start: PassStart) -> None:
+        self.modes = modes
         self.matrices = StepMatrices(
             modes.transition, modes.output, modes.process_cov, modes.cross_cov, modes.measurement_cov,
             modes.noise_cov, modes.noise_measurement_cov,
-            is_hessenberg=not np.any(np.tril(modes.transition, -2)),
         )  # fmt: skip
         self.run_end = _run_ends(modes.index)
         self.begins_long = self.run_end - np.arange(self.run_end.size) >= LONG_RUN
@@ -381,7 +349,7 @@ def _stationary_phase(
     else:
         one = slice(begin, begin + 1)
         now = (plan.matrices, modes.index[one], z[one], drive[one], M[:, :1], target.predicted_cov)
-        recorder.add(kalman_steps(*now, details=plan.details), np.array([mode]), begin, end - begin)
+        recorder.add(kalman_steps(*now), np.array([mode]), begin, end - begin)
     white = recorder.innovations[block] @ recorder.parts[-1].whitening[-1].T
     recorder.nis[block] = np.einsum("ky,ky->k", white, white)
     if recorder.stationary_from is None:
@@ -430,11 +398,10 @@ def _transient(
         drive[block],
         M,
         P,
-        details=plan.details,
         stop=plan.stop(begin, end),
     )
     if steps.failed is not None:
-        raise _singular(begin + steps.failed)
+        raise singular_innovation(f"near sample {begin + steps.failed}")
     count = steps.predicted.shape[0]
     done = slice(begin, begin + count)
     recorder.predicted[done], recorder.innovations[done] = steps.predicted, steps.innovations
@@ -444,15 +411,6 @@ def _transient(
         recorder.sensitivity.append(steps.sensitivity)
     plan.hear(count, steps.is_stationary)
     return begin + count, steps.after, steps.after_cov
-
-
-def _singular(sample: int) -> EstimationError:
-    return EstimationError(
-        "filter-singular-innovation",
-        f"an output can be predicted without error near sample {sample}: neither it nor the states have "
-        "noise",
-        remedy="give every measured output a noise with a standard deviation above zero",
-    )
 
 
 def _as_pass(recorder: _Recorder, modes: Modes, start: PassStart) -> FilterPass:

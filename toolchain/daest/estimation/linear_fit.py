@@ -151,7 +151,7 @@ def _chosen_hold(problem: Problem, experiments: Sequence[Experiment], given: Hol
     family = problem.family
     if given is not None:
         return given
-    names = moving_inputs(experiments, [one.name for one in family.inputs])
+    names = moving_inputs(experiments, family.input_names)
     asked = possible_holds(experiments, names, bool(needed_slopes(family, problem.unknowns)))
     if not names or len(asked) < 2:
         return FOH
@@ -521,4 +521,4 @@ def _agreement(problem: Problem, predicted: Predicted | None) -> Agreement:
             for record, part, x0 in parts
         ]
     measured = [np.where(record.observed, record.outputs, np.nan) for record in problem.records]
-    return agreement_of([o.name for o in problem.family.outputs], measured, errors)
+    return agreement_of(problem.family.output_names, measured, errors)

@@ -97,7 +97,7 @@ class NonlinearEnds:
         """From the best initial state of each experiment, parameters held, which is searched in so many
         `iterations` over whole recordings."""
         end, problem = self.best, self.best.problem
-        names = [o.name for o in problem.model.explicit.flat.outputs]
+        names = problem.model.explicit.flat.output_names
         is_fitted, experiments = experiments is None, experiments or problem.experiments
         measured = [e.outputs for e in experiments]
         if end.cut is not None and is_fitted:

@@ -69,11 +69,11 @@ class OnlineGaussian:
 
     @property
     def input_names(self) -> tuple[str, ...]:
-        return tuple(v.name for v in self.model.explicit.flat.inputs)
+        return self.model.explicit.flat.input_names
 
     @property
     def output_names(self) -> tuple[str, ...]:
-        return tuple(o.name for o in self.model.explicit.flat.outputs)
+        return self.model.explicit.flat.output_names
 
     def begin(self) -> GaussianMemory:
         return self.first

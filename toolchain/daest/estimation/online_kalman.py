@@ -13,14 +13,13 @@ from typing import Literal
 
 import numpy as np
 
-from daest.errors import EstimationError
 from daest.estimation.filters.case import square
 from daest.estimation.flat_start import solve_root, whitening
 from daest.estimation.gates import FIT
 from daest.estimation.kalman import reference_start
 from daest.estimation.online import checked_arrays
 from daest.estimation.stationary import stationary_filter, without_unseen
-from daest.model.estimates import Estimate, FilterKind, InitialState, Sample
+from daest.model.estimates import Estimate, FilterKind, InitialState, Sample, singular_innovation
 from daest.model.holds import Hold, causal_hold
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.gaussian import undetermined
@@ -181,9 +180,9 @@ class OnlineKalman:
         try:
             white = whitening(S)
         except np.linalg.LinAlgError:
-            raise _singular(memory.time) from None
+            raise singular_innovation(f"at t = {memory.time:g} s") from None
         if not np.all(np.isfinite(white)):
-            raise _singular(memory.time)
+            raise singular_innovation(f"at t = {memory.time:g} s")
         slope, p = C @ memory.sensitivity, memory.root.shape[0]
         root = memory.root
         if p:
@@ -402,12 +401,4 @@ def _collapsed(memory: KalmanMemory) -> KalmanMemory:
         sensitivity=memory.sensitivity[:, p:],
         root=np.zeros((0, 1)),
         log_density=memory.log_density + _evidence(memory.root),
-    )
-
-
-def _singular(time: float) -> EstimationError:
-    return EstimationError(
-        "filter-singular-innovation",
-        f"an output can be predicted without error at t = {time:g} s: neither it nor the states have noise",
-        remedy="give every measured output a noise with a standard deviation above zero",
     )

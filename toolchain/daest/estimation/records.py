@@ -101,8 +101,8 @@ def in_model_order(experiment: Experiment, model: Model | StateSpaceFamily) -> E
         experiment,
         inputs=inputs,
         outputs=outputs,
-        input_names=tuple(v.name for v in model.inputs),
-        output_names=tuple(o.name for o in model.outputs),
+        input_names=model.input_names,
+        output_names=model.output_names,
     )
 
 

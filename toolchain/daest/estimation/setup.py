@@ -29,7 +29,7 @@ from daest.model.parts import prior_unused
 from daest.near import near_names
 
 
-def known_name(name: str, known: list[str], what: str) -> int:
+def known_name(name: str, known: Sequence[str], what: str) -> int:
     """Index of `name`; error `unknown-parameter`, `unknown-noise` or `unknown-output` with the nearest
     names.
     """
@@ -68,7 +68,7 @@ def check_records(family: StateSpaceFamily, records: Sequence[Experiment], n_unk
     where = ", ".join(r.name for r in records)
     n_measured = n_observed(records)
     if n_measured == 0:
-        names = ", ".join(o.name for o in family.outputs) or "none"
+        names = ", ".join(family.output_names) or "none"
         raise EstimationError(
             "identify-no-output",
             f"no output of the model has a single measured value; its outputs are: {names}",
@@ -88,7 +88,7 @@ def check_records(family: StateSpaceFamily, records: Sequence[Experiment], n_unk
     n_inputs = len(family.inputs)
     is_still = n_inputs and all(is_constant(r.inputs[:, j]) for r in records for j in range(n_inputs))
     if is_still and not any(_settles(r.outputs) for r in records):
-        names = ", ".join(v.name for v in family.inputs)
+        names = ", ".join(family.input_names)
         raise EstimationError(
             "identify-constant-input",
             f"the input {names} is constant, and the outputs do not settle from another state: nothing "
@@ -283,17 +283,17 @@ def setup_of(
 ) -> Setup:
     """The choices of the model, overruled by the options. Raises EstimationError and DataError of unknown
     names, bounds, priors, and recordings that are missing or too short."""
-    options = replace(options, hold=checked_hold(options.hold, [v.name for v in family.inputs]))
+    options = replace(options, hold=checked_hold(options.hold, family.input_names))
     estimated, held_back = _divided(tuple(experiments), tuple(validation), options.split)
     recordings = tuple(in_model_order(e, family) for e in estimated)
     intensity, process = _noise_choices(
-        [n.name for n in family.noises],
+        family.noise_names,
         [NoiseChoice(n.intensity, n.estimate or n.intensity is None) for n in family.noises],
         options.process_noise,
         "noise",
     )
     std, measurement = _noise_choices(
-        [o.name for o in family.outputs],
+        family.output_names,
         [NoiseChoice(o.noise_std, o.estimate_noise or o.noise_std is None) for o in family.outputs],
         options.measurement_noise,
         "output",
@@ -342,7 +342,7 @@ def _divided(
 def _unknowns(family: StateSpaceFamily, options: IdentifyOptions, std: np.ndarray) -> Unknowns:
     """The coordinates of the unknown parameters among all of them, with fixed and start values put in; `std`
     stands for the measurement noises until they are found."""
-    known = [p.name for p in family.parameters]
+    known = family.parameter_names
     theta = np.array([p.value for p in family.parameters], dtype=float)
     for name, value in {**options.start, **options.fix}.items():
         theta[known_name(name, known, "parameter")] = value
@@ -375,7 +375,7 @@ def _unknowns(family: StateSpaceFamily, options: IdentifyOptions, std: np.ndarra
 
 
 def _noise_choices(
-    names: list[str], defaults: Iterable[NoiseChoice], given: Mapping[str, NoiseChoice], what: str
+    names: Sequence[str], defaults: Iterable[NoiseChoice], given: Mapping[str, NoiseChoice], what: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values, NaN where unknown, and which are estimated, of the model overruled by the options."""
     choices = list(defaults)

@@ -228,8 +228,7 @@ class BinaryForm:
         `with_states` puts the states behind the outputs. The slopes are those by the parameters `names`, by
         the sizes of the `laws`, with small changes `size_steps` (n_laws,), and by the initial states. Raises
         IntegrationError, at once where a law makes the model run away."""
-        known = [p.name for p in flat.parameters]
-        columns = tuple(known.index(name) for name in names) if run.directions else ()
+        columns = tuple(flat.parameter_columns(names)) if run.directions else ()
         steps = np.zeros(len(laws)) if size_steps is None else size_steps
         task = _Task(
             flat, columns, run.theta, run.x0, run.rtol, run.atol, run.scale,
@@ -315,7 +314,7 @@ class BinaryForm:
         """States and read variables (n_samples, n) along states (n_samples, n_states) under ubar
         (n_samples, n_ū) at the times (n_samples,) [s]."""
         n_u = len(flat.inputs)
-        names = [one.name for one in flat.inputs]
+        names = flat.input_names
         ends = np.hstack([interval_ends(ubar[:, :n_u], hold, names), ubar[:-1, n_u:]])
         request = self.drive(time, ubar[:-1], ends, ubar[-1], self.form.variables)
         if self.hides_states:
@@ -369,7 +368,7 @@ class BinaryForm:
 
     def input_derivatives(self, flat: Model) -> tuple[InputDerivative, ...]:
         """Inputs of the FMU that are derivatives of others, in the order of its references."""
-        names = [v.name for v in flat.inputs]
+        names = flat.input_names
         _, rates, _ = words.inputs_and_noises(self.model)
         found = []
         for reference in rates:

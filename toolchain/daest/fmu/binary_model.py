@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daest.errors import EstimationError, ModelError
+from daest.errors import EstimationError
 from daest.fmu import words
 from daest.fmu.binary_form import BinaryForm
 from daest.fmu.binary_functions import model_function, raise_failure
@@ -197,9 +197,7 @@ def _initial_point(
 def _integrator(
     explicit: BinaryDynamics, names: Sequence[str] = (), *, compiled: bool = True, runs_once: bool = False
 ) -> Integrator:
-    known = {p.name for p in explicit.flat.parameters}
-    if missing := [name for name in names if name not in known]:
-        raise ModelError("unknown-parameter", f"The model has no parameter `{missing[0]}`.")
+    explicit.flat.parameter_columns(names)  # refuses others
     return BinaryIntegrator(explicit, tuple(names))
 
 

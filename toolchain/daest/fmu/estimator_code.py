@@ -84,19 +84,19 @@ class EstimatorModel:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        return tuple(v.name for v in self.flat.inputs)
+        return self.flat.input_names
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        return tuple(y.name for y in self.flat.outputs)
+        return self.flat.output_names
 
     @property
     def noises(self) -> tuple[str, ...]:
-        return tuple(w.name for w in self.flat.noises)
+        return self.flat.noise_names
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        return tuple(p.name for p in self.flat.parameters)
+        return self.flat.parameter_names
 
     @property
     def is_tunable(self) -> bool:
@@ -120,7 +120,7 @@ class EstimatorModel:
 
 def all_values(flat: FlatModel) -> tuple[str, ...]:
     """Internal variables, then the outputs that are none of them."""
-    names = tuple(v.name for v in flat.unknowns)
+    names = flat.unknown_names
     return names + tuple(y.name for y in flat.outputs if y.name not in names)
 
 

@@ -101,7 +101,7 @@ int estimator_matrices(const est_real *theta, EstMatrices *m) {{
         kind: Any = ca.SX if model.is_tunable else ca.MX
         theta = kind.sym("theta", family.matrices.numel_in(0))
         A, B, G, b, C, D, H, d, X, U, W, x0 = family.matrices.call([theta], True, False)
-        unknowns = [v.name for v in family.unknowns]
+        unknowns = family.unknown_names
         rows = []
         for name in model.values:
             if name in unknowns:

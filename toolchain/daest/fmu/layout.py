@@ -78,7 +78,7 @@ class Layout:
     @property
     def input_derivative_names(self) -> tuple[str, ...]:
         """`der(u)`, `der(u,2)`, …: inputs of the FMU that the index reduction needs."""
-        names = [v.name for v in self.flat.inputs]
+        names = self.flat.input_names
         return tuple(derivative_name(names[d.index], d.order) for d in self.explicit.input_derivatives)
 
     def references(self, base: int, count: int) -> tuple[int, ...]:

@@ -147,7 +147,7 @@ def sensor_fault(effect: Effect) -> SensorFault:
     """What the sizes of an effect with outside = "output" do to a signal, to first order at their null, where
     the signal is what it would be without. Raises ModelError `effect-law-outside`."""
     model = effect_model(effect)
-    names = [v.name for v in model.unknowns]
+    names = [x.name for x in model.unknowns]
     if sorted(names) != ["u", "y"] or len(effect.sizes) != 1:
         raise _unfit("a fault of a sensor has one equation between u and y, and one size")
     xi, derivatives, t = (ca.SX.sym(name, n) for name, n in (("xi", 2), ("derivatives", 2), ("t", 1)))
@@ -187,7 +187,7 @@ class _Elimination:
 
     def __init__(self, model: EffectModel, theta: ca.SX) -> None:
         n = len(model.unknowns)
-        self._names = [v.name for v in model.unknowns]
+        self._names = [x.name for x in model.unknowns]
         self._xi, self._rates = ca.SX.sym("xi", n), ca.SX.sym("rates", n)
         w = ca.SX(len(model.noises), 1)
         rows = model.function(self._rates, self._xi, w, theta, ca.SX.sym("t"))[0]

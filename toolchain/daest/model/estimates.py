@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from daest.errors import EstimationError
 from daest.model.defaults import PARTICLES
 from daest.model.holds import Hold
 from daest.model.linear import DiscreteModel
@@ -320,3 +321,12 @@ class Estimate:
     nis: float
     nis_dof: int
     log_likelihood: float
+
+
+def singular_innovation(where: str) -> EstimationError:
+    """The error of a filter whose innovations have no regular covariance; `where` tells the sample."""
+    return EstimationError(
+        "filter-singular-innovation",
+        f"an output can be predicted without error {where}: neither it nor the states have noise",
+        remedy="give every measured output a noise with a standard deviation above zero",
+    )

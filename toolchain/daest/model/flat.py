@@ -19,11 +19,11 @@ import numpy as np
 
 from daest.errors import FmuError, ModelError
 from daest.model.events import Events
-from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Parameter, Variable
+from daest.model.parts import DerivedParameter, Equation, Named, NoiseInput, Output, Parameter, Variable
 
 
 @dataclass(frozen=True, kw_only=True)
-class Model:
+class Model(Named):
     """Names, units and values of a model: unknowns ξ, inputs u, white noises w, parameters θ, outputs y.
 
     `equations` name what holds, one for each unknown, in the words of the source; whether they can be

@@ -17,14 +17,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from daest.model.holds import Hold
-from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
+from daest.model.parts import Equation, Named, NoiseInput, Output, Parameter, Variable
 from daest.model.shown import Listing, Shown, package
 
 Matrix: TypeAlias = np.ndarray | sp.csr_array
 
 
 @dataclass(frozen=True)
-class LinearDAE(Shown):
+class LinearDAE(Named, Shown):
     """E ξ' = J ξ + K u + B w + offset;  y = C ξ + D u + H w + output_offset + e, at one θ and operating
     point.
 
@@ -255,7 +255,7 @@ class StateSpace(Shown):
 
 
 @dataclass(frozen=True)
-class StateSpaceFamily:
+class StateSpaceFamily(Named):
     """θ -> StateSpace with exact derivatives, built once per model.
 
     `matrices` maps theta (all parameters, n_θ) to (A, B, G, b, C, D, H, d, X, U, W, x0) as DMs.

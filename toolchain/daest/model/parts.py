@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from daest.errors import EstimationError, Place
+from daest.errors import EstimationError, ModelError, Place
+from daest.near import near_names
 
 
 @dataclass(frozen=True)
@@ -118,3 +120,46 @@ class Equation:
     kind: Literal["component", "connection", "flow", "unconnected", "binding"]
     origin: str
     place: Place | None = None
+
+
+class Named:
+    """The names of unknowns ξ, inputs u, white noises w, parameters θ and outputs y, in their order."""
+
+    unknowns: tuple[Variable, ...]
+    inputs: tuple[Variable, ...]
+    noises: tuple[NoiseInput, ...]
+    parameters: tuple[Parameter, ...]
+    outputs: tuple[Output, ...]
+
+    @property
+    def unknown_names(self) -> tuple[str, ...]:
+        return tuple(x.name for x in self.unknowns)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        return tuple(u.name for u in self.inputs)
+
+    @property
+    def noise_names(self) -> tuple[str, ...]:
+        return tuple(w.name for w in self.noises)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        return tuple(y.name for y in self.outputs)
+
+    def parameter_columns(self, names: Sequence[str]) -> list[int]:
+        """The positions of parameters among all. Raises ModelError `unknown-parameter`."""
+        known = self.parameter_names
+        for name in names:
+            if name not in known:
+                near = near_names(name, known) or known[:8]
+                raise ModelError(
+                    "unknown-parameter",
+                    f"the model has no parameter {name}",
+                    remedy=f"there are {', '.join(near)}",
+                )
+        return [known.index(name) for name in names]

@@ -404,7 +404,6 @@ def _function(value: dict[str, Any]) -> s.Function:
         locals=tuple(_function_variable(v) for v in value["locals"]),
         body=_statements(value["body"]),
         is_external=value.get("external") is not None,
-        is_impure=value.get("pure") is False,
     )
 
 

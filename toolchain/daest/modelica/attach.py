@@ -91,9 +91,9 @@ def free_name(base: str, taken: Iterable[str]) -> str:
 
 def names_of(flat: FlatModel) -> set[str]:
     """The names of components and variables that the model declares itself."""
-    names = [x.name for x in (*flat.unknowns, *flat.inputs)] + [y.name for y in flat.outputs]
-    names += [p.name for p in flat.parameters] + [p.name for p in flat.derived_parameters]
-    own = {name.partition(".")[0] for name in (*names, *(w.name for w in flat.noises))}
+    names = [*flat.unknown_names, *flat.input_names, *flat.noise_names, *flat.output_names]
+    names += [*flat.parameter_names, *(p.name for p in flat.derived_parameters)]
+    own = {name.partition(".")[0] for name in names}
     return own | {e.origin.partition(".")[0] for e in flat.equations if e.kind == "component"}
 
 

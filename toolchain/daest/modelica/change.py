@@ -180,7 +180,7 @@ def _output(flat: Model, name: str, source: str) -> tuple[Output, int]:
     for i, unknown in enumerate(flat.unknowns):
         if unknown.name == source:
             return Output(name, unknown.unit, unknown.description, place=unknown.place), len(flat.outputs) + i
-    known = [y.name for y in flat.outputs] + [x.name for x in flat.unknowns]
+    known = flat.output_names + flat.unknown_names
     raise _no_such("output-unknown", "output", source, known, flat, "An output is a variable of the model.")
 
 
@@ -252,7 +252,7 @@ def _unit(flat: FlatModel, place: str) -> str:
 
 
 def _with_noise_std(flat: AnyModel, noise_std: Mapping[str, float | None]) -> AnyModel:
-    known = [output.name for output in flat.outputs]
+    known = flat.output_names
     for name, std in noise_std.items():
         if name not in known:
             raise _no_such(
@@ -275,7 +275,7 @@ def _with_noise_std(flat: AnyModel, noise_std: Mapping[str, float | None]) -> An
 
 
 def _with_estimated_noise(flat: AnyModel, marks: Mapping[str, bool]) -> AnyModel:
-    known = [output.name for output in flat.outputs] + [noise.name for noise in flat.noises]
+    known = flat.output_names + flat.noise_names
     for name in marks:
         if name not in known and _noise_index(flat, name) is None:
             raise _no_such("noise-unknown", "noise", name, known, flat, "Name an output or a noise.")

@@ -42,10 +42,10 @@ def closed_loop(flat: FlatModel, controller: FlatModel) -> FlatModel:
     if flat.events is not None or controller.events is not None:
         raise events_refused("the loop of a controller")
     shared = _signals(flat, controller)
-    known = dict(zip((v.name for v in flat.unknowns), ca.vertsplit(flat.xi), strict=True))
-    known |= dict(zip((y.name for y in flat.outputs), ca.vertsplit(flat.output_expressions), strict=True))
-    inputs = dict(zip((v.name for v in flat.inputs), ca.vertsplit(flat.u), strict=True))
-    asked = dict(zip((v.name for v in controller.inputs), ca.vertsplit(controller.u), strict=True))
+    known = dict(zip(flat.unknown_names, ca.vertsplit(flat.xi), strict=True))
+    known |= dict(zip(flat.output_names, ca.vertsplit(flat.output_expressions), strict=True))
+    inputs = dict(zip(flat.input_names, ca.vertsplit(flat.u), strict=True))
+    asked = dict(zip(controller.input_names, ca.vertsplit(controller.u), strict=True))
     theirs = [asked[name] for name in shared.read]
     ours = [(known | inputs)[name] for name in shared.read]
 
@@ -54,7 +54,7 @@ def closed_loop(flat: FlatModel, controller: FlatModel) -> FlatModel:
         return ca.substitute(expression, ca.vertcat(*theirs, controller.time), ca.vertcat(*ours, flat.time))
 
     formulas = ca.vertsplit(told(controller.output_expressions))
-    made = dict(zip((y.name for y in controller.outputs), formulas, strict=True))
+    made = dict(zip(controller.output_names, formulas, strict=True))
     moved = [v for v in flat.inputs if v.name in shared.driven]
     left = [v for v in flat.inputs if v.name not in shared.driven]
     references = [v for v in controller.inputs if v.name in shared.references]
@@ -82,15 +82,15 @@ def closed_loop(flat: FlatModel, controller: FlatModel) -> FlatModel:
 
 
 def _signals(flat: FlatModel, controller: FlatModel) -> _Signals:
-    inputs = [v.name for v in flat.inputs]
-    readable = {v.name for v in flat.unknowns} | {y.name for y in flat.outputs} | set(inputs)
-    driven = tuple(y.name for y in controller.outputs)
+    inputs = flat.input_names
+    readable = set(flat.unknown_names) | set(flat.output_names) | set(inputs)
+    driven = controller.output_names
     strangers = [name for name in driven if name not in inputs]
     if strangers or not driven:
         near = near_names(strangers[0], inputs, 1) if strangers else []
         what = f"its output {strangers[0]} is no input of {flat.name}" if strangers else "it has no output"
         raise _unfit(controller, what, f"did you mean {near[0]}? {ROLE}" if near else ROLE)
-    asked = [v.name for v in controller.inputs]
+    asked = controller.input_names
     read = tuple(name for name in asked if name in readable and name not in driven)
     references = tuple(name for name in asked if name not in read)
     if not read:

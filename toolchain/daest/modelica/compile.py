@@ -50,8 +50,8 @@ def compile_model(
     parameters compile the model again. Raises ModelError.
 
         >>> flat = daest.compile_model("Servo.mo")
-        >>> len(flat.equations), [y.name for y in flat.outputs]
-        (65, ['omega', 'phi'])
+        >>> len(flat.equations), flat.output_names
+        (65, ('omega', 'phi'))
     """
     path = Path(path)
     return compile_text(read_source(path), path, class_name, libraries, overrides)
@@ -188,7 +188,7 @@ def _folders(job: Job) -> Folders:
 def _structural(source: s.FlatSource, flat: FlatModel, overrides: Mapping[str, float]) -> dict[str, str]:
     """Modelica text of the overrides that need another compilation: of parameters that stand in the
     equations as numbers. Raises ModelError for one that cannot be modified."""
-    changeable = {p.name for p in flat.parameters} | {p.name for p in flat.derived_parameters}
+    changeable = set(flat.parameter_names) | {p.name for p in flat.derived_parameters}
     variables = {x.name: x for x in source.variables if is_parameter(x)}
     return {
         name: _literal(variables[name], value)

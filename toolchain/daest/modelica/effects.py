@@ -375,7 +375,7 @@ def _supported(sources: Sequence[_Source], roots: tuple[Path, ...]) -> list[bool
     relevant = [i for i, source in enumerate(sources) if source.entry("attach") == "connector"]
     if relevant:
         flat = _compiled([sources[i] for i in relevant], [False] * len(relevant), roots)
-        names = {unknown.name for unknown in flat.unknowns}
+        names = set(flat.unknown_names)
         for place, i in enumerate(relevant):
             flags[i] = any(name.startswith(f"e{place}.") and name.endswith("_support") for name in names)
     return flags
@@ -517,7 +517,7 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
 
 
 def _is_formula(model: EffectModel) -> bool:
-    names = [unknown.name for unknown in model.unknowns]
+    names = [x.name for x in model.unknowns]
     return sorted(names) == ["u", "y"] and model.equations[0].text.startswith(f"{OWN}y = ")
 
 

@@ -365,7 +365,7 @@ def _array(name: str, values: Sequence[float]) -> str:
 
 def _supply(draft: _Draft, placement: Placement, flat: FlatModel) -> None:
     """Inputs of the new model for the effect's signals, where the model has none of that name."""
-    known = {x.name for x in flat.inputs}
+    known = set(flat.input_names)
     signals = {x.name: x for x in effect_model(placement.effect).unknowns}
     for name in placement.effect.inputs:
         wanted = placement.inputs.get(name, f"{placement.name}_{name}")
@@ -395,11 +395,11 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Origi
     elif site.kind == "exchange":
         variables = [part.rpartition(":")[2] for part in site.name.split(", ")]
         for own, variable in zip(effect.connectors, variables, strict=True):
-            if variable in {one.name for one in original.flat.inputs}:
+            if variable in original.flat.input_names:
                 draft.connect(f"{name}.{own}", _prescribed(draft, original.flat, name, variable))
                 continue
             # What has been opened before changes the number of an equation.
-            names = [v.name for v in original.flat.unknowns]
+            names = original.flat.unknown_names
             opened = next(b for b in balances(original.flat) if names[b.variable] == variable)
             original, end = _opened_balance(original, opened.name(original.flat), site.domain)
             draft.connect(f"{name}.{own}", end)
@@ -542,7 +542,7 @@ def _in_series(draft: _Draft, placement: Placement, original: _Original) -> None
 def _behind_input(draft: _Draft, placement: Placement, original: _Original) -> _Original:
     name, flat = placement.site.name, original.flat
     clauses = [c for c in original.clauses() if name in c.pair]
-    symbol = flat.u[[x.name for x in flat.inputs].index(name)]
+    symbol = flat.u[flat.input_names.index(name)]
     used = set(ca.jacobian_sparsity(flat.residual, symbol).row())
     equations = [flat.equations[i] for i in sorted(used) if flat.equations[i].kind != "connection"]
     is_in_outputs = bool(ca.depends_on(flat.output_expressions, symbol))

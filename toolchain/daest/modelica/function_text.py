@@ -83,7 +83,7 @@ def with_body(function: s.Function, found: FunctionText, text: bytes, source: in
     """The compiler's function with the algorithm of the text. Raises ParseError."""
     words = [t for t in tokens(text, found.algorithm + len(_KEYWORD)) if t.start < found.end]
     body = StatementParser(words, source=source).statements()
-    return replace(function, body=body, is_external=False, is_impure=False)
+    return replace(function, body=body, is_external=False)
 
 
 def read_function(found: FunctionText, text: bytes, source: int) -> s.Function:
@@ -97,7 +97,6 @@ def read_function(found: FunctionText, text: bytes, source: int) -> s.Function:
         locals=tuple(variable for role, variable in declared if role == "local"),
         body=(),
         is_external=True,
-        is_impure=False,
     )
     return with_body(empty, found, text, source)
 

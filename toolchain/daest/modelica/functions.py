@@ -127,7 +127,7 @@ def run_algorithm(
     their sizes; those of `kept` begin with their values before the event. Raises ModelError where one is not
     assigned on every way through."""
     name = algorithm.origin or "the model"
-    run = _Run(library, s.Function(name, (), (), (), algorithm.body, False, False), evaluator)
+    run = _Run(library, s.Function(name, (), (), (), algorithm.body, False), evaluator)
     run.evaluator.events, run.evaluator.is_live = evaluator.events, evaluator.is_live
     targets = list(dict.fromkeys(whole_name(target) for target in assigned(algorithm.body)))
     for target in targets:

@@ -92,7 +92,7 @@ class InternalForce:
         printed = [
             (name, _printed(slope, flat)) for name, slope in zip("cd", _slopes(self, flat), strict=True)
         ]
-        known = {p.name for p in flat.parameters}
+        known = set(flat.parameter_names)
         return tuple((name, text) for name, (sign, text) in printed if sign == "+" and text in known)
 
     def _terms(self, flat: FlatModel) -> Iterator[tuple[ca.SX, str, ca.SX]]:

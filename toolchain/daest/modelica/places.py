@@ -27,7 +27,7 @@ def resolve_place(model: FlatModel | LinearDAE, name: str) -> list[int]:
     wanted = _flow_of_connector(name, flows) or name
     if wanted in flows:
         return _flow_equations(wanted, equations)
-    if wanted not in {x.name for x in model.unknowns}:
+    if wanted not in model.unknown_names:
         raise _unknown(name, model.unknowns, equations)
     defining = [i for i, equation in enumerate(equations) if _defines(equation.text, wanted)]
     if len(defining) == 1:

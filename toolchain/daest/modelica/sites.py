@@ -355,7 +355,7 @@ class Network:
         return found
 
     def _parameters(self, component: str) -> tuple[tuple[str, str], ...]:
-        names = [p.name for p in self.flat.parameters] + [p.name for p in self.flat.derived_parameters]
+        names = (*self.flat.parameter_names, *(p.name for p in self.flat.derived_parameters))
         return tuple((n.rpartition(".")[2], n) for n in names if n.rpartition(".")[0] == component)
 
     def cuts(self) -> list[Site]:

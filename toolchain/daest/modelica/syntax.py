@@ -241,7 +241,6 @@ class Function:
     locals: tuple[FunctionVariable, ...]
     body: tuple[Statement, ...]
     is_external: bool
-    is_impure: bool
 
 
 @dataclass(frozen=True, slots=True)

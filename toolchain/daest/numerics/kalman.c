@@ -6,8 +6,7 @@
    that P does not know (trace R^-1 S <= MILD), the same goes by way of the covariance after the outputs,
    P <- Phi (P + T Kf' + Kf T') Phi' + Q with Kf = P C' S^-1, T = Kf S / 2 - P C': second order in errors of Kf, too,
    and what rounding leaves is at most MILD times as large. With CONSTANT states the loops have constant lengths; from
-   TILES_FROM on products go tile by tile through the registers of the processor, past the zeros of a Phi that is
-   upper Hessenberg. */
+   TILES_FROM on products go tile by tile through the registers of the processor. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -111,17 +110,11 @@ INLINE void tile(const int rows, const int vectors, long k, long n, const double
         UNROLLED for (int v = 0; v < vectors; v++) *(anywhere_t *)(out + i * n + v * LANES) = sum[i][v];
 }
 
-/* Tiles over the columns `from` … n - 1 >= LANES; the last vectors reach back over columns that are done. `banded`:
-   B[l, j] = 0 where l < j - 1. */
+/* Tiles over the columns `from` … n - 1 >= LANES; the last vectors reach back over columns that are done. */
 INLINE void strip(const int rows, long k, long n, const double *A, long down, long across, const double *B,
-                  const double *base, double *out, long from, int banded)
+                  const double *base, double *out, long from)
 {
-#define TILE(vectors, j)                                                                                          \
-    do {                                                                                                          \
-        const long first = banded && (j) > 1 ? (j) - 1 : 0;                                                       \
-        tile(rows, vectors, k - first, n, A + first * across, down, across, B + first * n + (j),                  \
-             base ? base + (j) : NULL, out + (j));                                                                \
-    } while (0)
+#define TILE(vectors, j) tile(rows, vectors, k, n, A, down, across, B + (j), base ? base + (j) : NULL, out + (j))
     long j = from;
     for (; j + TILE_VECTORS * LANES <= n; j += TILE_VECTORS * LANES) TILE(TILE_VECTORS, j);
     const long left = n - j;
@@ -138,12 +131,12 @@ INLINE void strip(const int rows, long k, long n, const double *A, long down, lo
 }
 
 typedef void strip_t(long k, long n, const double *A, long down, long across, const double *B, const double *base,
-                     double *out, long from, int banded);
+                     double *out, long from);
 #define STRIP(rows)                                                                                               \
     ONCE void strip_##rows(long k, long n, const double *A, long down, long across, const double *B,              \
-                           const double *base, double *out, long from, int banded)                                \
+                           const double *base, double *out, long from)                                            \
     {                                                                                                             \
-        strip(rows, k, n, A, down, across, B, base, out, from, banded);                                           \
+        strip(rows, k, n, A, down, across, B, base, out, from);                                                   \
     }
 STRIP(1)
 STRIP(2)
@@ -154,13 +147,9 @@ STRIP(8)
 #endif
 #undef STRIP
 
-/* Which entries of a product are asked for, and which zeros its factors have. */
-typedef enum { WHOLE, UPPER, HESSENBERG_LEFT, HESSENBERG_RIGHT } shape_t;
-
-/* out = base + A B of A (m, k), B (k, n). UPPER: from the diagonal on; HESSENBERG_LEFT: A is upper Hessenberg, from
-   the entry before the diagonal on; HESSENBERG_RIGHT: B' is, of A only these entries are read, and as UPPER. */
+/* out = base + A B of A (m, k), B (k, n), from the diagonal on if `upper`. */
 ONCE void tiled(long m, long k, long n, const double *A, long down, long across, const double *B, const double *base,
-                double *out, shape_t shape)
+                double *out, int upper)
 {
     long rows = TILE_ROWS;
     for (long i = 0; i < m; i += rows) {
@@ -171,34 +160,31 @@ ONCE void tiled(long m, long k, long n, const double *A, long down, long across,
                              : rows == 8 ? strip_8
 #endif
                                          : strip_4;
-        const long first = shape == HESSENBERG_LEFT && i > 1 ? i - 1 : 0;
-        const long from = shape == WHOLE ? 0 : shape == HESSENBERG_LEFT ? first : i;
-        now(k - first, n, A + i * down + first * across, down, across, B + first * n, base ? base + i * n : NULL,
-            out + i * n, from, shape == HESSENBERG_RIGHT);
+        now(k, n, A + i * down, down, across, B, base ? base + i * n : NULL, out + i * n, upper ? i : 0);
     }
 }
 
 static void tiled_product(long m, long k, long n, const double *A, const double *B, double *out)
 {
-    tiled(m, k, n, A, k, 1, B, NULL, out, WHOLE);
+    tiled(m, k, n, A, k, 1, B, NULL, out, 0);
 }
 
 static void tiled_congruence(long n, const double *F, const double *Ft, const double *P, const double *Q, double *out,
-                             double *work, int hessenberg)
+                             double *work)
 {
-    tiled(n, n, n, F, n, 1, P, NULL, work, hessenberg ? HESSENBERG_LEFT : WHOLE);
-    tiled(n, n, n, work, n, 1, Ft, Q, out, hessenberg ? HESSENBERG_RIGHT : UPPER);
+    tiled(n, n, n, F, n, 1, P, NULL, work, 0);
+    tiled(n, n, n, work, n, 1, Ft, Q, out, 1);
 }
 
 static void tiled_outer(long k, long n, const double *A, const double *B, const double *base, double *out, int upper)
 {
-    tiled(n, k, n, A, 1, n, B, base, out, upper ? UPPER : WHOLE);
+    tiled(n, k, n, A, 1, n, B, base, out, upper);
 }
 #define HAS_TILES(n) ((n) >= TILES_FROM)
 #else
 #define HAS_TILES(n) 0
 #define tiled_product product
-#define tiled_congruence(n, F, Ft, P, Q, out, work, hessenberg) (void)0
+#define tiled_congruence(n, F, Ft, P, Q, out, work) (void)0
 #define tiled_outer(k, n, A, B, base, out, upper) (void)0
 #endif
 
@@ -225,10 +211,10 @@ INLINE void plus_outer(long k, long n, int upper, const double *A, const double 
 
 /* out = Q + F P F' for symmetric P, Q, from the diagonal on; Ft = F'; `work` holds a matrix. */
 INLINE void congruence(long n, const double *F, const double *Ft, const double *P, const double *Q, double *out,
-                       double *work, int hessenberg)
+                       double *work)
 {
     if (HAS_TILES(n)) {
-        tiled_congruence(n, F, Ft, P, Q, out, work, hessenberg);
+        tiled_congruence(n, F, Ft, P, Q, out, work);
         return;
     }
     product(n, n, n, F, P, work);
@@ -388,9 +374,9 @@ INLINE int settled(settling_t *s, double change, double limit)
 /* See `daest_kalman`. */
 INLINE long run(const long n, const long n_y, const model_t *g, long n_samples, const long long *mode,
                 const char *long_after, const double *z, const double *drive, const double *target,
-                const char *has_target, double limit, int hessenberg, double *M, double *P, double *predicted,
-                double *nu, double *A, double *S, double *white, double *gain, double *nis, double *cov,
-                double *filter_gain, double *filtered_cov, double *work)
+                const char *has_target, double limit, double *M, double *P, double *predicted, double *nu,
+                double *A, double *S, double *white, double *gain, double *nis, double *cov, double *filter_gain,
+                double *filtered_cov, double *work)
 {
     const long columns = g->columns, size = n + g->n_w;
     double *Phit = work, *after = Phit + n * n, *rest = after + n * n, *F = rest + n * n, *Ft = F + n * n;
@@ -404,11 +390,11 @@ INLINE long run(const long n, const long n_y, const model_t *g, long n_samples, 
     long latest = -1;
     int has_cross = 0, is_open = 0;
     transposed(columns, n, M, mean);
-    if (cov) memcpy(cov, P, n * n * sizeof(double));
+    memcpy(cov, P, n * n * sizeof(double));
     for (long k = 0; k < n_samples; k++) {
         const long m = (long)mode[k];
         const double *Phi = g->Phi + m * n * n, *C = g->C + m * n_y * n, *R = g->R + m * n_y * n_y;
-        const double *Q = g->Q + m * n * n, *here = cov ? cov + k * n * n : P, *found = after;
+        const double *Q = g->Q + m * n * n, *here = cov + k * n * n, *found = after;
         double *Sk = S + k * n_y * n_y, told = 0.0;
         if (m != latest) {
             transposed(n, n, Phi, Phit);
@@ -451,10 +437,9 @@ INLINE long run(const long n, const long n_y, const model_t *g, long n_samples, 
             times(n_y, n_y, n, Sk, Kt, Tt);
             for (long i = 0; i < n_y * n; i++) Tt[i] = again[i] = 0.5 * Tt[i] - PCt[i];
             plus_outer(2 * n_y, n, 0, Tt, Kt, here, rest); /* [T K] [K T]' */
-            if (filtered_cov)
-                filtered(n, n_y, g, m, Kt, rest, 0, inverse, filter_gain + k * size * n_y,
-                         filtered_cov + k * size * size);
-            congruence(n, Phi, Phit, rest, Q, after, F, hessenberg);
+            filtered(n, n_y, g, m, Kt, rest, 0, inverse, filter_gain + k * size * n_y,
+                     filtered_cov + k * size * size);
+            congruence(n, Phi, Phit, rest, Q, after, F);
         } else {
             times(n_y, n, n, PCt, Phit, minus);
             for (long i = 0; i < n_y * n; i++) minus[i] += St[i];
@@ -462,15 +447,13 @@ INLINE long run(const long n, const long n_y, const model_t *g, long n_samples, 
             times(columns, n, n, mean, Phit, now);
             times(columns, n_y, n, seen, Gt, mean);
             for (long i = 0; i < columns * n; i++) mean[i] += now[i];
-            if (filtered_cov) {
-                joseph(n, n_y, R, here, PCt, Sk, Kt, rest, spare);
-                filtered(n, n_y, g, m, Kt, rest, 1, inverse, filter_gain + k * size * n_y,
-                         filtered_cov + k * size * size);
-            }
+            joseph(n, n_y, R, here, PCt, Sk, Kt, rest, spare);
+            filtered(n, n_y, g, m, Kt, rest, 1, inverse, filter_gain + k * size * n_y,
+                     filtered_cov + k * size * size);
             for (long i = 0; i < n_y * n; i++) minus[i] = -Gt[i];
             plus_outer(n_y, n, 0, minus, C, Phi, F);
             plus_outer(n_y, n, 0, C, minus, Phit, Ft);
-            congruence(n, F, Ft, here, Q, after, rest, 0);
+            congruence(n, F, Ft, here, Q, after, rest);
             times(n_y, n_y, n, R, Gt, RGt);
             for (long i = 0; i < n_y * n; i++) RGt[i] -= St[i]; /* K R K' - K S12' - S12 K' = K (R K' - S12') - S12 K' */
             plus_outer(n_y, n, 1, Gt, RGt, after, rest);
@@ -496,7 +479,7 @@ INLINE long run(const long n, const long n_y, const model_t *g, long n_samples, 
             settling.now = settling.before = 0.0;
         }
         if (is_steady) n_samples = k + 2;
-        mirrored(n, found, cov && k + 1 < n_samples ? cov + (k + 1) * n * n : P, n);
+        mirrored(n, found, k + 1 < n_samples ? cov + (k + 1) * n * n : P, n);
     }
     transposed(n, columns, mean, M);
     return n_samples;
@@ -537,15 +520,15 @@ void daest_constant(long n, long n_y, long n_samples, const double *F, const dou
 /* Filter samples 0 … n_samples - 1 from [m A] (n, columns) and P, which are those after them in the end. Stops
    after the first sample whose covariance is stationary to `limit`, in standard deviations: that of `target` where the
    mode has one, else the limit of the sequence. `long_after`: samples that begin enough others of their mode.
-   `hessenberg`: every Phi is upper Hessenberg. Results by sample: predicted (n), nu (n_y), A (n, columns - 1), S,
-   white = L^-1, gain (n, n_y), nis = nu' S^-1 nu, and unless NULL cov, and filter_gain (n + n_w, n_y) and filtered_cov
-   of (x, w). Returns the number of samples done, and -1 - k where S or P of sample k has no root. */
+   Results by sample: predicted (n), nu (n_y), A (n, columns - 1) unless NULL, S, white = L^-1, gain (n, n_y),
+   nis = nu' S^-1 nu, cov, and filter_gain (n + n_w, n_y) and filtered_cov of (x, w). Returns the number of samples
+   done, and -1 - k where S or P of sample k has no root. */
 long daest_kalman(long n, long n_y, long n_w, long columns, long n_samples, const long long *mode,
                   const char *long_after, const double *Phi, const double *C, const double *Q,
                   const double *S12, const double *R, const double *Qw, const double *Ne, const double *z,
                   const double *drive, const double *target, const char *has_target, double limit,
-                  long hessenberg, double *M, double *P, double *predicted, double *nu, double *A, double *S,
-                  double *white, double *gain, double *nis, double *cov, double *filter_gain, double *filtered_cov)
+                  double *M, double *P, double *predicted, double *nu, double *A, double *S, double *white,
+                  double *gain, double *nis, double *cov, double *filter_gain, double *filtered_cov)
 {
     const model_t g = {n_y, n_w, columns, Phi, C, Q, S12, R, Qw, Ne};
     const long rows = 11 * n_y + 3 * columns + 1;
@@ -553,8 +536,8 @@ long daest_kalman(long n, long n_y, long n_w, long columns, long n_samples, cons
     long done = 0;
     if (work == NULL) return 0;
 #define RUN(N, Y)                                                                                                 \
-    done = run(N, Y, &g, n_samples, mode, long_after, z, drive, target, has_target, limit, hessenberg != 0, M, P, \
-               predicted, nu, A, S, white, gain, nis, cov, filter_gain, filtered_cov, work)
+    done = run(N, Y, &g, n_samples, mode, long_after, z, drive, target, has_target, limit, M, P, predicted, nu, A, \
+               S, white, gain, nis, cov, filter_gain, filtered_cov, work)
 #ifdef CONSTANT
     if (n == CONSTANT && n_y == 1) RUN(CONSTANT, 1);
     else if (n == CONSTANT && n_y == 2) RUN(CONSTANT, 2);

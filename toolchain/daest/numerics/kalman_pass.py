@@ -6,8 +6,9 @@ import ctypes
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import accumulate
+from typing import Any
 
 import numpy as np
 
@@ -24,8 +25,7 @@ WINDOW = 16  # changes of the covariance that tell how fast they die out, as in 
 @dataclass(frozen=True)
 class StepMatrices:
     """Φ, C, Q, S12 (n, n_y) and R of (47), covariance (n_w, n_w) of the noise, and (n_w, n_y) of the noise
-    with the outputs: one set per mode, which is the first axis. `is_hessenberg`: every Φ is upper Hessenberg,
-    which makes steps without details three times as cheap."""
+    with the outputs: one set per mode, which is the first axis."""
 
     transition: np.ndarray
     output: np.ndarray
@@ -34,11 +34,10 @@ class StepMatrices:
     measurement_cov: np.ndarray
     noise_cov: np.ndarray
     noise_measurement_cov: np.ndarray
-    is_hessenberg: bool = field(default=False, kw_only=True)
 
     def arrays(self) -> tuple[np.ndarray, ...]:
         """The matrices of all modes in this order."""
-        return tuple(part for part in vars(self).values() if isinstance(part, np.ndarray))
+        return tuple(vars(self).values())
 
     def contiguous(self) -> tuple[np.ndarray, ...]:
         return tuple(np.ascontiguousarray(part, dtype=float) for part in self.arrays())
@@ -63,10 +62,10 @@ class Stop:
 @dataclass(frozen=True)
 class KalmanSteps:
     """The samples that were done (n_done): mean (n) of the prediction, innovations (n_y), sensitivity
-    (n, n_columns - 1) of the prediction to the start, S, L⁻¹ of S = L Lᵀ, gain (n, n_y), νᵀ S⁻¹ ν; with
-    details also the covariance (n, n) of the prediction, and gain (n + n_w, n_y) and covariance of (x, w̄)
-    after the outputs. `after` (n, n_columns) and `after_cov` are the prediction that follows. `failed`: the
-    sample whose S has no root; `is_stationary`: the last sample ended the pass."""
+    (n, n_columns - 1) of the prediction to the start, S, L⁻¹ of S = L Lᵀ, gain (n, n_y), νᵀ S⁻¹ ν, covariance
+    (n, n) of the prediction, and gain (n + n_w, n_y) and covariance of (x, w̄) after the outputs. `after`
+    (n, n_columns) and `after_cov` are the prediction that follows. `failed`: the sample whose S has no root;
+    `is_stationary`: the last sample ended the pass."""
 
     predicted: np.ndarray
     innovations: np.ndarray
@@ -75,9 +74,9 @@ class KalmanSteps:
     whitening: np.ndarray
     gain: np.ndarray
     nis: np.ndarray
-    cov: np.ndarray | None
-    filter_gain: np.ndarray | None
-    filtered_cov: np.ndarray | None
+    cov: np.ndarray
+    filter_gain: np.ndarray
+    filtered_cov: np.ndarray
     after: np.ndarray
     after_cov: np.ndarray
     failed: int | None = None
@@ -92,7 +91,6 @@ def kalman_steps(
     start: np.ndarray,
     cov: np.ndarray,
     *,
-    details: bool = True,
     stop: Stop | None = None,
 ) -> KalmanSteps:
     """The predictor from [m A] = `start` (n, n_columns) and covariance `cov` over outputs z (n_samples, n_y),
@@ -103,8 +101,8 @@ def kalman_steps(
     (n_samples, n_y), n, n_w = z.shape, cov.shape[0], matrices.noise_cov.shape[1]
     size, columns = n + n_w, start.shape[1]
     shapes = [(n,), (n_y,), (n, columns - 1), (n_y, n_y), (n_y, n_y), (n, n_y), ()]
-    more = [(n, n), (size, n_y), (size, size)] if details else []
-    results = _side_by_side([(n_samples, *shape) for shape in (*shapes, *more)])
+    shapes += [(n, n), (size, n_y), (size, size)]
+    results = _side_by_side([(n_samples, *shape) for shape in shapes])
     after, after_cov = (np.array(part, dtype=float, order="C") for part in (start, cov))
     stop = stop or Stop(0.0, np.zeros(n_samples, dtype=bool), np.zeros((0, n, n)), np.zeros(0, dtype=bool))
     library = _library(n)
@@ -112,10 +110,9 @@ def kalman_steps(
     done = run(matrices, mode, z, drive, after, after_cov, results, stop)
     failed = None if done >= 0 else -1 - done
     count = done if failed is None else failed
-    one, two, three, four, five, six, seven, *rest = (part[:count] for part in results)
-    eight, nine, ten = rest if details else (None, None, None)
-    rest_of = (after, after_cov, failed, 0 <= done < n_samples)
-    return KalmanSteps(one, two, three, four, five, six, seven, eight, nine, ten, *rest_of)
+    values: list[Any] = [part[:count] for part in results]
+    values += [after, after_cov, failed, 0 <= done < n_samples]
+    return KalmanSteps(*values)
 
 
 def _side_by_side(shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray]:
@@ -147,7 +144,7 @@ def _compiled(
     forces = np.ascontiguousarray(drive) if is_driven(drive) else None
     signals = np.ascontiguousarray(z, dtype=float), forces, np.ascontiguousarray(stop.targets, dtype=float)
     parts = matrices.contiguous()
-    outputs: list[np.ndarray | None] = [*results, *([None] * (10 - len(results)))]
+    outputs: list[np.ndarray | None] = [*results]
     if columns == 1:
         outputs[2] = None
     sizes = (n, n_y, matrices.noise_cov.shape[1], columns, n_samples)
@@ -155,7 +152,6 @@ def _compiled(
         *map(ctypes.c_long, sizes),
         *map(pointer, (*whole, *parts, *signals, known)),
         ctypes.c_double(stop.limit),
-        ctypes.c_long(matrices.is_hessenberg),
         *map(pointer, (start, cov, *outputs)),
     )
     return done
@@ -171,7 +167,7 @@ def _interpreted(
     results: list[np.ndarray],
     stop: Stop,
 ) -> int:
-    predicted, innovations, sensitivity, S_all, white_all, gain_all, nis, *details = results
+    predicted, innovations, sensitivity, S_all, white_all, gain_all, nis, cov_all, *filtered = results
     settling, is_steady = _Settling(stop.limit), False
     for k, m in enumerate(mode):
         Phi, C, Q, S12, R, *_ = (part[m] for part in matrices.arrays())
@@ -187,9 +183,8 @@ def _interpreted(
         seen[:, 0] += z[k]
         innovations[k], S_all[k], white_all[k], gain_all[k] = seen[:, 0], S, white, gain
         nis[k] = np.sum((white @ seen[:, 0]) ** 2)
-        if details:
-            details[0][k] = cov
-            _filtered(matrices, m, cov, PC, white, details[1][k], details[2][k])
+        cov_all[k] = cov
+        _filtered(matrices, m, cov, PC, white, *(part[k] for part in filtered))
         start[:] = Phi @ start + gain @ seen
         start[:, 0] += drive[k]
         F, cross = Phi - gain @ C, gain @ S12.T

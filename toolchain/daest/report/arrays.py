@@ -34,11 +34,11 @@ def save_arrays(dae: LinearDAE, path: Path) -> None:
     }
     names = {
         "equations": [equation.text for equation in dae.equations],
-        "unknowns": [unknown.name for unknown in dae.unknowns],
-        "inputs": [variable.name for variable in dae.inputs],
-        "noises": [noise.name for noise in dae.noises],
-        "outputs": [output.name for output in dae.outputs],
-        "parameters": [parameter.name for parameter in dae.parameters],
+        "unknowns": dae.unknown_names,
+        "inputs": dae.input_names,
+        "noises": dae.noise_names,
+        "outputs": dae.output_names,
+        "parameters": dae.parameter_names,
     }
     if path.suffix == ".npz":
         arrays.update({key: np.array(value, dtype=str) for key, value in names.items()})

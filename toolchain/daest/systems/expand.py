@@ -9,6 +9,7 @@ derivatives are matched to the equations. Where they do not exist, the structure
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -190,13 +191,13 @@ def expand(
     n_levels = int(counts.unknowns.max(initial=0))
     z = (z0, z1, *(_symbols(names, k) for k in range(2, n_levels + 1)))
     depth = int(counts.equations.max(initial=0))
-    u = (flat.u, *(_symbols([v.name for v in flat.inputs], k) for k in range(1, depth + 1)))
-    w = (flat.w, *(_symbols([v.name for v in flat.noises], k) for k in range(1, depth + 1)))
+    u = (flat.u, *(_symbols(flat.input_names, k) for k in range(1, depth + 1)))
+    w = (flat.w, *(_symbols(flat.noise_names, k) for k in range(1, depth + 1)))
     rows, stacked = _differentiate(residual, counts.equations, z, u, w, flat.time)
     return ExpandedSystem(flat, aliases, sigma, counts, z, u, w, rows, stacked)
 
 
-def _symbols(names: list[str], order: int) -> ca.SX:
+def _symbols(names: Sequence[str], order: int) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *(ca.SX.sym(derivative_name(name, order)) for name in names))
 
 

@@ -540,10 +540,9 @@ class Runner:
             return None
         functions, n = self.functions, len(self.functions.events.relations)
         n_p = len(self.model.names)
-        known = [p.name for p in self.model.explicit.flat.parameters]
-        theta = np.zeros((len(known), self.directions))
-        for k, name in enumerate(self.model.names):
-            theta[known.index(name), k] = 1.0
+        flat = self.model.explicit.flat
+        theta = np.zeros((len(flat.parameters), self.directions))
+        theta[flat.parameter_columns(self.model.names), np.arange(n_p)] = 1.0
         none = np.zeros(functions.events.active.numel()), np.zeros(functions.events.ticks.numel())
         rate = self.inputs.rate(interval)
         f = self.rate(x, ubar, t)

@@ -106,7 +106,7 @@ def start_arguments(
 
 def _conditions(explicit: ExplicitModel, given: dict[str, float], arguments: tuple) -> Conditions:
     flat = explicit.flat
-    names = [v.name for v in flat.unknowns]
+    names = flat.unknown_names
     unknown = sorted(set(given) - set(names))
     if unknown:
         raise ModelError("unknown-variable", f"the model has no variable {unknown[0]} to start")

@@ -21,7 +21,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from daest.errors import ModelError
 from daest.model.flat import Dynamics, ExplicitModel, events_refused
 from daest.model.holds import SMOOTH, Hold, held_inputs, interval_ends, spline_slopes
 from daest.model.linear import StateSpaceFamily
@@ -42,6 +41,7 @@ from daest.systems.affine_steps import DrivenBy, Gain, affine_steps
 from daest.systems.driven_chain import (
     PARTS,
     DrivenChain,
+    Driving,
     driven_chain,
     driving,
     parts_of_inputs,
@@ -323,7 +323,7 @@ def _beside_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> ChainInteg
 
 
 def _made_beside_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> ChainIntegrator | None:
-    columns = _columns(explicit, names)
+    columns = explicit.flat.parameter_columns(names)
     chain = driven_chain(explicit)
     if chain is None:
         return None
@@ -334,15 +334,6 @@ def _made_beside_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> Chain
         return None
     beside = EquationIntegrator(explicit, names, made.rhs, made.sens, made.out, library, bend=made.bend)
     return ChainIntegrator(explicit, names, chain, beside, names)
-
-
-def _columns(explicit: ExplicitModel, names: Sequence[str]) -> list[int]:
-    """The positions of parameters. Raises ModelError `unknown-parameter`."""
-    known = [p.name for p in explicit.flat.parameters]
-    missing = [name for name in names if name not in known]
-    if missing:
-        raise ModelError("unknown-parameter", f"The model has no parameter `{missing[0]}`.")
-    return [known.index(name) for name in names]
 
 
 def _affine_family(explicit: ExplicitModel) -> StateSpaceFamily | None:
@@ -367,7 +358,7 @@ def _functions_of(explicit: ExplicitModel) -> tuple:
     functions = (explicit.rhs, explicit.outputs, explicit.invariants)
     laws = sensor_laws(explicit)
     own = () if laws is None else laws.key
-    return *(hash(f) for f in functions), *(p.name for p in explicit.flat.parameters), own
+    return *(hash(f) for f in functions), *explicit.flat.parameter_names, own
 
 
 def _compiled_for_more(explicit: ExplicitModel, names: tuple[str, ...]) -> EquationIntegrator | None:
@@ -386,7 +377,7 @@ def _again(explicit: ExplicitModel, names: tuple[str, ...], compiled: bool) -> I
 def _model_functions(
     explicit: ExplicitModel, names: tuple[str, ...]
 ) -> tuple[ca.Function, ca.Function, ca.Function, ca.Function | None, ca.Function | None]:
-    columns = _columns(explicit, names)
+    columns = explicit.flat.parameter_columns(names)
     kind: Any = ca.SX if explicit.is_symbolic else ca.MX
     n_u, n_v, n_w = (explicit.rhs.numel_in(i) for i in (1, 2, 3))
     x, ubar, t = kind.sym("x", explicit.n_states), kind.sym("u", n_u + n_v), kind.sym("t")
@@ -431,11 +422,10 @@ def _near_functions(
 ) -> tuple[ca.Function, ca.Function, ca.Function]:
     """What `_model_functions` makes for the C code, of a model whose loops are solved from a guess, the last
     argument; the first function tells its tears behind the slopes."""
-    known = [p.name for p in explicit.flat.parameters]
-    columns = [known.index(name) for name in names]
+    columns = explicit.flat.parameter_columns(names)
     n_u, n_v, n_w = (explicit.rhs.numel_in(i) for i in (1, 2, 3))
     x, ubar, t = ca.MX.sym("x", explicit.n_states), ca.MX.sym("u", n_u + n_v), ca.MX.sym("t")
-    theta, chosen = ca.MX.sym("theta", len(known)), ca.MX.sym("chosen", len(columns))
+    theta, chosen = ca.MX.sym("theta", len(explicit.flat.parameters)), ca.MX.sym("chosen", len(columns))
     guess = ca.MX.sym("guess", near[0].numel_in(6))
     whole = ca.MX(theta)
     for position, column in enumerate(columns):
@@ -576,7 +566,7 @@ def interval_inputs(
     `input-derivative-order` or `input-derivative-hold` where the model moves, at `theta`
     (n_theta,; default: the values of the model), by a derivative that the hold does not have.
     """
-    names = [one.name for one in explicit.flat.inputs]
+    names = explicit.flat.input_names
     start, end = inputs[:-1], interval_ends(inputs, hold, names)
     held = held_inputs(hold, names)
     slopes = (end - start) / np.diff(time)[:, None]
@@ -734,6 +724,8 @@ def _has_exact_steps(run: Run) -> bool:
 
 
 def _has_equal_steps(time: np.ndarray) -> bool:
+    """Whether all intervals are of one length to rounding. Rounded times are not: unlike a filter, an
+    integration takes them as they are."""
     intervals = np.diff(time)
     return bool(np.ptp(intervals) <= SOLVER.equal_steps * intervals.mean())
 
@@ -774,7 +766,7 @@ def _has_driven_chain(chain: DrivenChain, run: Run) -> bool:
 
 
 def _run_beside_chain(model: ChainIntegrator, run: Run) -> Trajectory:
-    chain, n, columns = model.chain, run.time.size, _columns(model.explicit, model.begun)
+    chain, n, columns = model.chain, run.time.size, model.explicit.flat.parameter_columns(model.begun)
     period = float(run.time[-1] - run.time[0]) / (n - 1)
     inputs = run.u0, run.u1, run.bent
     with np.errstate(over="ignore", invalid="ignore"):
@@ -782,7 +774,22 @@ def _run_beside_chain(model: ChainIntegrator, run: Run) -> Trajectory:
         made = driving(chain, run.theta, columns, period, inputs, start, with_slopes)
     if not all(np.all(np.isfinite(part)) for part in (made.states, made.start, made.end, made.sampled)):
         raise IntegrationError(FAILURES[3], float(run.time[0]))
-    u0, u1, bent = parts_of_inputs(inputs)
+    rest = _run_of_rest(chain, run, made, len(columns))
+    found = _run_radau(model.beside, rest)
+    states = np.empty((n, run.x0.size))
+    states[:, chain.rest], states[:, chain.members] = found.states[::PARTS], made.states
+    outputs, sens = found.outputs[::PARTS].copy(), np.empty((n, found.outputs.shape[1], 0))
+    for j, i in chain.alone:
+        outputs[:, j] = made.states[:, i]
+    if run.directions:
+        sens = _sensitivities_of_both(chain, run, made, columns, found.sensitivities[::PARTS])
+    return Trajectory(states, outputs, sens, found.n_steps)
+
+
+def _run_of_rest(chain: DrivenChain, run: Run, made: Driving, n_parameters: int) -> Run:
+    """The run of the states behind the chain, whose signals are inputs, in PARTS of every interval."""
+    n = run.time.size
+    u0, u1, bent = parts_of_inputs((run.u0, run.u1, run.bent))
     u_last = np.hstack([run.u_last, made.sampled[-1:]])
     u0, u1 = np.concatenate([u0, made.start], axis=2), np.concatenate([u1, made.end], axis=2)
     if chain.is_shown:  # what outputs show at a sample is the signal itself
@@ -801,8 +808,8 @@ def _run_beside_chain(model: ChainIntegrator, run: Run) -> Trajectory:
         if gain.ndim == 3:
             gain = np.repeat(gain, PARTS, axis=0)[: seen.shape[0]]
         given = Correction(seen, gain, given.slopes[:, chain.rest])
-    n_chosen, n_rest = len(columns) + chain.members.size, chain.rest.size
-    rest = replace(
+    n_chosen, n_rest = n_parameters + chain.members.size, chain.rest.size
+    return replace(
         run,
         time=np.append(parts.ravel(), run.time[-1]),
         u0=np.ascontiguousarray(u0.reshape(-1, u0.shape[2])),
@@ -816,24 +823,22 @@ def _run_beside_chain(model: ChainIntegrator, run: Run) -> Trajectory:
         scale=run.scale[chain.rest],
         correction=given,
     )
-    found = _run_radau(model.beside, rest)
-    states = np.empty((n, run.x0.size))
-    states[:, chain.rest], states[:, chain.members] = found.states[::PARTS], made.states
-    outputs, sens = found.outputs[::PARTS].copy(), np.empty((n, found.outputs.shape[1], 0))
+
+
+def _sensitivities_of_both(
+    chain: DrivenChain, run: Run, made: Driving, columns: list[int], sens: np.ndarray
+) -> np.ndarray:
+    """The sensitivities `sens` (n_samples, n_y, …) of the run of the rest, with those of outputs that the
+    chain alone makes, in the order of the parameters asked for, the states of the model and the gains."""
+    n_chosen, n_rest = len(columns) + chain.members.size, chain.rest.size
+    by_state = np.empty(run.x0.size, dtype=int)
+    by_state[chain.members] = len(columns) + np.arange(chain.members.size)
+    by_state[chain.rest] = n_chosen + np.arange(n_rest)
+    order = [*range(run.by_parameter), *by_state, *range(n_chosen + n_rest, sens.shape[2])]
+    own = [*chain.driven(columns), *range(len(columns), n_chosen)]
     for j, i in chain.alone:
-        outputs[:, j] = made.states[:, i]
-    if run.directions:
-        # Back into the order of the parameters asked for, the states of the model and the gains.
-        by_state = np.empty(run.x0.size, dtype=int)
-        by_state[chain.members] = len(columns) + np.arange(chain.members.size)
-        by_state[chain.rest] = n_chosen + np.arange(n_rest)
-        order = [*range(run.by_parameter), *by_state, *range(n_chosen + n_rest, rest.directions)]
-        whole = found.sensitivities[::PARTS]
-        own = [*chain.driven(columns), *range(len(columns), n_chosen)]
-        for j, i in chain.alone:
-            whole[:, j, own] = made.slopes[:, :, i].T
-        sens = np.ascontiguousarray(whole[:, :, order])
-    return Trajectory(states, outputs, sens, found.n_steps)
+        sens[:, j, own] = made.slopes[:, :, i].T
+    return np.ascontiguousarray(sens[:, :, order])
 
 
 def _run_interpreted(model: EquationIntegrator, run: Run) -> Trajectory:
@@ -937,7 +942,6 @@ def _collocation(model: EquationIntegrator) -> ca.Function:
     dae: Any = {"x": x, "p": ca.vertcat(ends, theta), "t": part, "ode": rate}
     flow = ca.integrator("over_interval", "collocation", dae, 0, 1, options)
     end = flow(x0=x, p=ca.vertcat(ends, theta))["xf"]
-    known = [p.name for p in model.explicit.flat.parameters]
-    columns = [known.index(name) for name in model.names]
+    columns = model.explicit.flat.parameter_columns(model.names)
     by_theta = ca.jacobian(end, theta)[:, columns] if columns else ca.MX.zeros(n_states, 0)
     return ca.Function("interval", [x, theta, ends], [end, ca.jacobian(end, x), by_theta])

@@ -269,7 +269,7 @@ def operating_point(flat: FlatModel, at: Mapping[str, float] | None = None) -> O
 
 def theta_entries(flat: FlatModel, at: Mapping[str, float] | None = None) -> list[ThetaEntry]:
     """The entries of all matrices that depend on θ, with their expression in the names of the model."""
-    names = [p.name for p in flat.parameters]
+    names = flat.parameter_names
     symbols = ca.vertcat(ca.SX(0, 1), *[ca.SX.sym(name) for name in names])
     entries: list[ThetaEntry] = []
     for matrix, value in zip(MATRIX_NAMES, _matrices(flat, _expansion_point(flat, at)), strict=True):
@@ -369,7 +369,7 @@ def _where_it_begins(flat: FlatModel, values: np.ndarray) -> dict[str, float] | 
     from daest.systems.initialize import initial_point
     from daest.systems.reduce import reduce_index
 
-    begun = flat.with_theta(dict(zip((p.name for p in flat.parameters), values.tolist(), strict=True)))
+    begun = flat.with_theta(dict(zip(flat.parameter_names, values.tolist(), strict=True)))
     try:
         explicit = reduce_index(begun)
         u = np.array([v.start_or_zero for v in flat.inputs])
@@ -379,7 +379,7 @@ def _where_it_begins(flat: FlatModel, values: np.ndarray) -> dict[str, float] | 
         rates = np.array(explicit.variable_derivatives(x0, u, v, w, values, 0.0)).ravel()
     except (DaestError, RuntimeError):
         return None
-    names = [x.name for x in flat.unknowns]
+    names = flat.unknown_names
     found = dict(zip(names, xi.tolist(), strict=True))
     moving = zip(names, rates.tolist(), strict=True)
     return found | {f"der({name})": rate for name, rate in moving if np.isfinite(rate)}

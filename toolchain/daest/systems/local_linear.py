@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from daest.errors import EstimationError, ModelError
+from daest.errors import EstimationError
 from daest.model.flat import Dynamics, ExplicitModel, events_refused
 from daest.numerics.compiler import effort, loaded, processor_flags, text_of
 from daest.systems.gaussian_average import averaged
@@ -128,14 +128,14 @@ def _of_equations(
 
 def internal_names(explicit: Dynamics) -> tuple[str, ...]:
     """Names of the internal variables: all unknowns, then the outputs that are no unknowns."""
-    unknowns = tuple(v.name for v in explicit.flat.unknowns)
+    unknowns = explicit.flat.unknown_names
     return unknowns + tuple(o.name for o in explicit.flat.outputs if o.name not in unknowns)
 
 
 def internal_function(explicit: Dynamics) -> ca.Function:
     """(x, u, v, w, theta, t) -> values of `internal_names`."""
     arguments = _arguments(explicit)
-    unknowns = {v.name for v in explicit.flat.unknowns}
+    unknowns = set(explicit.flat.unknown_names)
     extra = [i for i, o in enumerate(explicit.flat.outputs) if o.name not in unknowns]
     outputs = explicit.outputs(*arguments)
     values = ca.vertcat(explicit.variables(*arguments), *(outputs[i] for i in extra))
@@ -169,10 +169,7 @@ class _Parts:
 
     @classmethod
     def of(cls, explicit: ExplicitModel, names: tuple[str, ...]) -> _Parts:
-        known = [p.name for p in explicit.flat.parameters]
-        missing = [name for name in names if name not in known]
-        if missing:
-            raise ModelError("unknown-parameter", f"The model has no parameter `{missing[0]}`.")
+        columns = tuple(explicit.flat.parameter_columns(names))
         kind = ca.SX if explicit.is_symbolic else ca.MX
         n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in (1, 2, 3, 4))
         sizes = {
@@ -184,7 +181,7 @@ class _Parts:
         }
         symbols = {name: kind.sym(name, size) for name, size in {**sizes, "theta": n_theta, "t": 1}.items()}
         symbols["P"] = kind.sym("P", sizes["x"], sizes["x"])
-        return cls(explicit, tuple(known.index(name) for name in names), symbols)
+        return cls(explicit, columns, symbols)
 
     def at(self) -> tuple[Any, ...]:
         """Arguments of the functions of the explicit model, the chosen parameters in their places."""

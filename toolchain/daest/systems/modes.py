@@ -163,7 +163,7 @@ def _with_memory(flat: FlatModel, values: np.ndarray) -> FlatModel:
 
 
 def _beginning(flat: FlatModel, recording: Any) -> tuple[float, np.ndarray]:
-    names = [v.name for v in flat.inputs]
+    names = flat.input_names
     if isinstance(recording, Experiment) and all(name in recording.input_names for name in names):
         return float(recording.time[0]), recording.inputs_of(names)[0]
     if isinstance(recording, tuple):

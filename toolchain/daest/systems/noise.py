@@ -306,10 +306,10 @@ def place_equations(dae: LinearDAE, item: int | str) -> list[int]:
     same = [i for i, e in enumerate(dae.equations) if e.text == text]
     if own or same:
         return own or same
-    names = [unknown.name for unknown in dae.unknowns]
+    names = dae.unknown_names
     if text in names:
         return _equations_of_unknown(dae, names.index(text))
-    known = [*names, *(noise.name for noise in dae.noises), *(e.origin for e in dae.equations)]
+    known = [*names, *dae.noise_names, *(e.origin for e in dae.equations)]
     close = near_names(text, list(dict.fromkeys(known)), n=3)
     raise ConfigError(
         "noise-place-unknown",

@@ -160,7 +160,7 @@ def _values(explicit: Dynamics, found: Simulation, theta: np.ndarray, k: int) ->
     u0, _ = interval_inputs(explicit, found.time, found.inputs, found.hold)
     row = min(k, len(u0) - 1)
     slopes = u0[row, found.inputs.shape[1] :] if len(u0) else np.zeros(0)
-    time, names = float(found.time[k]), [v.name for v in explicit.flat.unknowns]
+    time, names = float(found.time[k]), explicit.flat.unknown_names
     at = (found.states[k], found.inputs[k], slopes, np.zeros(0), theta[k], time)
     rates = np.nan_to_num(np.array(explicit.variable_derivatives(*at)).ravel())
     values = dict(zip(names, found.variables[k].tolist(), strict=False))

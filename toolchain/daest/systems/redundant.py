@@ -137,7 +137,7 @@ def matching_states(
 ) -> np.ndarray:
     """The states of the redundant model where the other one has states x and internal variables xi.
     Shapes: x (n_x,), xi (n_xi,)."""
-    names = [v.name for v in chosen.flat.unknowns]
+    names = chosen.flat.unknown_names
     known = dict(zip(names, xi, strict=True))
     rates = np.array(chosen.variable_derivatives(x, *arguments)).ravel()
     known.update({f"der({name})": rate for name, rate in zip(names, rates, strict=True)})

@@ -198,7 +198,7 @@ def _prepare(
 
 def _inputs(flat: Model, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     """time (n_samples,) and inputs (n_samples, n_u) in the model's order."""
-    names = [v.name for v in flat.inputs]
+    names = flat.input_names
     if isinstance(recording, Experiment):
         missing = [name for name in names if name not in recording.input_names]
         if missing:
@@ -223,7 +223,7 @@ def _inputs(flat: Model, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
 def _slopes(explicit: Dynamics, time: np.ndarray, u: np.ndarray, theta: np.ndarray, hold: Hold) -> np.ndarray:
     """Input derivatives v (n_samples, n_v): the slope of the interval that follows, at the end the last; that
     of the spline for a smooth input, zero for a held one."""
-    held = held_inputs(hold, [one.name for one in explicit.flat.inputs])
+    held = held_inputs(hold, explicit.flat.input_names)
     for derivative in acting_slopes(explicit, theta=theta):
         if derivative.order > 1 or held[derivative.index]:
             raise _differentiated(explicit.flat, derivative.index, derivative.order, hold)
@@ -454,7 +454,7 @@ def _nonlinear_noisy(
     states[0] = task.x0
     lengths = np.append(task.steps, task.steps[-1:] if task.steps.size else 1.0)
     w = rng.standard_normal((task.time.size, intensity.size)) * np.sqrt(intensity / lengths[:, None])
-    rises = interval_ends(task.u, task.hold, [one.name for one in task.explicit.flat.inputs]) - task.u[:-1]
+    rises = interval_ends(task.u, task.hold, task.explicit.flat.input_names) - task.u[:-1]
     for k in range(task.steps.size):
         states[k + 1], mean = _noisy_interval(
             slopes, hold, task, k, rises[k], states[k], w[k] if held else None, intensity, rng
@@ -665,7 +665,7 @@ def _collect(task: _Task, states: np.ndarray, w: np.ndarray, method: str) -> Sim
     outputs, variables = values_along(explicit, task.time, ubar, task.theta, states, task.hold, w, task.tears)
     variables = variables.reshape(task.time.size, -1)
     if explicit.input_derivatives:
-        held = held_inputs(task.hold, [one.name for one in flat.inputs])
+        held = held_inputs(task.hold, flat.input_names)
         variables[:, moved_variables(explicit, held, task.theta)] = np.nan  # the slope of a step is none
     signals: list[Any] = [*flat.inputs, *flat.unknowns, *flat.noises, *flat.outputs]
     units = {signal.name: signal.unit for signal in signals}
@@ -677,11 +677,11 @@ def _collect(task: _Task, states: np.ndarray, w: np.ndarray, method: str) -> Sim
         outputs=outputs.reshape(task.time.size, -1),
         variables=variables,
         noises=w,
-        input_names=tuple(v.name for v in flat.inputs),
+        input_names=flat.input_names,
         state_names=explicit.state_names,
-        output_names=tuple(v.name for v in flat.outputs),
-        variable_names=tuple(v.name for v in flat.unknowns),
-        noise_names=tuple(v.name for v in flat.noises),
+        output_names=flat.output_names,
+        variable_names=flat.unknown_names,
+        noise_names=flat.noise_names,
         units={**units, **dict(zip(explicit.state_names, explicit.state_units, strict=True))},
         hold=task.hold,
         method=method,

@@ -20,7 +20,6 @@ from daest.errors import ModelError
 from daest.model.flat import Dynamics, ExplicitModel, Model
 from daest.model.holds import FOH, SMOOTH, ZOH, Hold, held_inputs, spline_slopes
 from daest.model.linear import DiscreteModel, StateSpace, StateSpaceFamily
-from daest.near import near_names
 from daest.numerics.evaluator import Evaluator
 from daest.numerics.exponential import (
     CUBIC,
@@ -414,8 +413,8 @@ def state_space_family(model: Model | Dynamics, at: Mapping[str, float] | None =
     are affine (`is_affine` of the result), only ξ depends on that point.
 
         >>> family = daest.state_space_family(explicit)
-        >>> [w.name for w in family.noises]
-        ['disturbance.w']
+        >>> family.noise_names
+        ('disturbance.w',)
     """
     return family_along(model if isinstance(model, Dynamics) else dynamics(model), at)
 
@@ -505,11 +504,11 @@ def state_space(family: StateSpaceFamily, theta: np.ndarray) -> StateSpace:
         values[name] = values[name][:, 0]
     return StateSpace(
         state_names=family.state_names,
-        input_names=tuple(v.name for v in family.inputs),
+        input_names=family.input_names,
         input_derivatives=family.input_derivatives,
-        noise_names=tuple(v.name for v in family.noises),
-        output_names=tuple(v.name for v in family.outputs),
-        unknown_names=tuple(v.name for v in family.unknowns),
+        noise_names=family.noise_names,
+        output_names=family.output_names,
+        unknown_names=family.unknown_names,
         **values,
     )
 
@@ -522,16 +521,7 @@ def state_space_derivatives(
     The derivative function is built at the first call for a family and these names and kept. Raises
     ModelError `unknown-parameter`.
     """
-    known = [p.name for p in family.parameters]
-    for name in names:
-        if name not in known:
-            near = near_names(name, known) or known[:8]
-            raise ModelError(
-                "unknown-parameter",
-                f"the model has no parameter {name}",
-                remedy=f"there are {', '.join(near)}",
-            )
-    columns = tuple(known.index(name) for name in names)
+    columns = tuple(family.parameter_columns(names))
     if family.derivatives is not None:
         found = zip(MATRICES, family.derivatives(theta, columns), strict=True)
         return {name: m[:, :, 0] if name in VECTORS else m for name, m in found}

@@ -161,7 +161,7 @@ def in_states_of(
     whole = states(mean)
     if cov is None or not np.all(np.isfinite(cov)):
         return whole, None
-    names = [v.name for v in explicit.flat.unknowns]
+    names = explicit.flat.unknown_names
     x: ca.MX = ca.MX.sym("x", explicit.n_states)
     slopes = ca.jacobian(
         ca.vertcat(explicit.variables(x, *arguments), explicit.variable_derivatives(x, *arguments)), x
