@@ -1,12 +1,11 @@
 """Who may speak to the server of the live page, and what it may touch."""
 
-import asyncio
 import json
 import socket
 from pathlib import Path
 
 import pytest
-from served import served
+from served import awaited, served
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
@@ -80,8 +79,8 @@ def test_other_pages_cannot_listen(server):
         return str(text)
 
     with pytest.raises(HTTPClientError, match="403"):
-        asyncio.run(connect("http://evil.example"))
-    assert json.loads(asyncio.run(connect(f"http://{server.host}")))["kind"] == "state"
+        awaited(connect("http://evil.example"))
+    assert json.loads(awaited(connect(f"http://{server.host}")))["kind"] == "state"
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """Five hundred actions on one server: its memory, descriptors and processes stay as they are."""
 
-import asyncio
 import json
 import os
 import subprocess
@@ -9,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from lag_data import PROJECT, write_lag
-from served import Served
+from served import Served, awaited
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
@@ -57,7 +56,7 @@ def act(server: Served, number: int, content: bytes) -> None:
             assert server.ask("PUT", "api/drop?name=run2.csv", content, **own)[0] == 200
             assert server.ask("GET", "none")[0] == 404
         case 5:
-            asyncio.run(followed(server, number))
+            awaited(followed(server, number))
 
 
 def looked(pid: int) -> tuple[int, int, int]:

@@ -37,7 +37,7 @@ class Cluster:
         file = folder / "scheduler.json"
         alike = ("--scheduler-file", str(file), "--no-dashboard")
         self.processes = [dask("scheduler", "--host", "127.0.0.1", "--port", "0", *alike)]
-        wait_for(file.is_file)
+        wait_for(lambda: file.is_file() and file.read_text().endswith("\n}"))  # it is there before its text
         self.address = json.loads(file.read_text())["address"]
         for _ in range(2):
             self.processes.append(dask("worker", "--nthreads", "1", "--no-nanny", *alike))

@@ -50,12 +50,13 @@ def test_drives_reach_a_verdict(model, shared_data, tmp_path, diagnosed, daest):
 
 @pytest.mark.slow
 def test_friction_of_a_suspension_is_found_without_a_word_on_the_hold(shared_data, tmp_path, diagnosed):
+    """The slope of the road would act by the damping of the tyre, which is zero: the road may be held."""
     folder = brought(shared_data, "car_lab", tmp_path)
     arguments = ("c1.csv", "--model", "QuarterCar.mo", "--effect", "CoulombFriction", "--to", "20")
     found = diagnosed(folder, *arguments)
     best = found["candidates"][0]
     assert (best["effect"], best["at"], best["verdict"]) == ("CoulombFriction", "strut", "supported")
-    assert any("derivative of input road" in note for note in found["notes"])
+    assert not any("derivative of input" in note for note in found["notes"])
 
 
 @pytest.mark.slow

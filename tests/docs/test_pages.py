@@ -124,7 +124,7 @@ def workflow_commands() -> list[list[str]]:
 
 
 @pytest.fixture
-def repository(tmp_path, monkeypatch) -> Path:
+def whole_repository(tmp_path, monkeypatch) -> Path:
     """The servo as the page says: values in daest.toml, no results."""
     copy_example("servo", tmp_path / "servo")
     file = tmp_path / "servo" / "daest.toml"
@@ -132,9 +132,14 @@ def repository(tmp_path, monkeypatch) -> Path:
     text, n = re.subn(r"(?<=\[parameters\]\n).*?(?=\n\[)", values, file.read_text("utf-8"), flags=re.DOTALL)
     assert n == 1
     file.write_text(text, encoding="utf-8")
-    shortened(tmp_path / "servo" / "servo.csv", 8)
     monkeypatch.chdir(tmp_path / "servo")
     return tmp_path / "servo"
+
+
+@pytest.fixture
+def repository(whole_repository) -> Path:
+    shortened(whole_repository / "servo.csv", 8)
+    return whole_repository
 
 
 def change(file: Path, old: str, new: str) -> None:
@@ -161,8 +166,9 @@ def test_workflow_passes_the_good_model(repository):
     ],
     ids=["gear", "stiffness"],
 )
-def test_workflow_fails_where_the_model_drifts(repository, file, old, new):
-    change(repository / file, old, new)
+def test_workflow_fails_where_the_model_drifts(whole_repository, file, old, new):
+    """What the page says of a percent of stiffness takes the whole recording to see."""
+    change(whole_repository / file, old, new)
     assert [run(words) for words in workflow_commands()] == [0, 0, 1]
 
 

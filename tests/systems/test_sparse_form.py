@@ -224,9 +224,9 @@ def test_ten_thousand_equations_within_twenty_seconds(name, n, numbers):
     import time
 
     dae = large(name, n)
-    started = time.monotonic()
+    started = time.process_time()  # what others do on the machine does not count
     report = noise_report(dae)
-    assert time.monotonic() - started < 20.0
+    assert time.process_time() - started < 20.0
     assert (len(report.places), report.n_dynamic, report.index, report.n_forbidden) == numbers
 
 
