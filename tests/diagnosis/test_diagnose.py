@@ -321,7 +321,8 @@ def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted():
         null=SimpleNamespace(hold="foh", other_hold="zoh", hold_lead=20.0),
         baseline=SimpleNamespace(log_likelihood=100.0),
     )
-    refused, named = SimpleNamespace(verdict="rejected"), SimpleNamespace(verdict="supported")
+    refused = SimpleNamespace(verdict="rejected", is_any_dynamics=False)
+    named = SimpleNamespace(verdict="supported", is_any_dynamics=False)
 
     def hold(verdict, proof):
         return unsettled_hold(stand, SimpleNamespace(proofs=(proof,), verdict=verdict))
@@ -333,9 +334,13 @@ def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted():
     assert hold("unknown effect", refused) is None
     # What is accepted with it must fit better than the model as it is with the hold before.
     named.fit = SimpleNamespace(log_likelihood=105.0)
-    assert not says_more([refused, named], stand)
+    assert not says_more([refused, named], [refused], stand)
     named.fit.log_likelihood = 120.0
-    assert says_more([refused, named], stand) and not says_more([refused], stand)
+    assert says_more([refused, named], [refused], stand) and not says_more([refused], [refused], stand)
+    # Nor is it told beside a lag that fits better with that hold and is too short to be told from others.
+    fit = SimpleNamespace(log_likelihood=115.0)
+    short = SimpleNamespace(verdict="rejected", is_any_dynamics=True, fit=fit)
+    assert not says_more([refused, named], [refused, short], stand)
 
 
 def test_effect_with_states_is_tried_until_it_is_better_than_its_simulation(monkeypatch):

@@ -393,6 +393,22 @@ def test_ranking():
     assert ranked([]) == ()
 
 
+@pytest.mark.parametrize(("ahead", "verdict"), [(0.0, "rejected"), (20.0, "supported")])
+def test_flexible_part_that_says_no_more_than_a_short_lag_is_refused(ahead, verdict):
+    _, friction = proved()
+    flexible = pairs(some_effects("FlexibleAppendage"), sites(model()))[0]
+    lag = replace(friction, verdict="rejected", is_any_dynamics=True, reason="it is short")
+    rich = replace(friction, candidate=flexible, delta_bic=lag.delta_bic + ahead)
+    found = next(p for p in ranked([rich, lag]) if p.candidate is flexible)
+    assert found.verdict == verdict
+    assert not found.reason or found.reason == (
+        f"{lag.candidate.label} says as much with fewer parameters, but it is short"
+    )
+    # One with as few unknowns is no imitation.
+    same = replace(rich, candidate=friction.candidate)
+    assert any(p.verdict == "supported" for p in ranked([same, lag]))
+
+
 @pytest.mark.parametrize(("behind", "is_rival"), [(4.5, True), (5.5, False)])
 def test_another_law_that_foresees_unseen_data_as_well_is_a_rival_until_it_is_far_less_likely(
     behind, is_rival

@@ -25,6 +25,7 @@ from daest.diagnosis.reasons import is_significant
 from daest.diagnosis.rivals import (
     DynamicFits,
     best_dynamic,
+    held_at_bounds,
     no_richer_ones,
     not_begun_by,
     other_forms,
@@ -132,7 +133,7 @@ class Course:
 
     def _with_simpler_laws(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with parts of the most likely one where that is refused, and with those that bend a
-        signal as the accepted one does."""
+        signal as the accepted one does, or without the shapes of a refused one that came to their bounds."""
         found = self.screens[0]
         best = most_likely(proofs)
         if best is not None and best.verdict == "rejected":
@@ -141,7 +142,10 @@ class Course:
         best = best_accepted(ranked(proofs))
         if best is not None:
             proofs += stages.proved(stages.prepared(signal_laws(best, found, proofs)), ())[0]
-        return proofs
+            return proofs
+        held = stages.proved(held_at_bounds(self.stand.null, proofs), ())[0]
+        accepted = {p.candidate.name: p for p in held if p.verdict != "rejected"}
+        return [accepted.get(p.candidate.name, p) for p in proofs]
 
     def _with_other_forms(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with the best one in other forms: its kink rounded otherwise, with fewer parameters, and

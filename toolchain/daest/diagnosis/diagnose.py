@@ -95,7 +95,7 @@ def diagnose(
         return beside_limits(found, stand, limits)
     progress((AGAIN if better else IN_VAIN).format(hold_text(hold)))
     proofs, told = held(hold)
-    is_second = says_as_much(proofs, found.proofs) if better else says_more(proofs, stand)
+    is_second = says_as_much(proofs, found.proofs) if better else says_more(proofs, found.proofs, stand)
     best = told if is_second else beside_limits(found, stand, limits)
     return replace(best, seconds=found.seconds + told.seconds)
 

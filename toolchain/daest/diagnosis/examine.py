@@ -88,7 +88,8 @@ def _examined(
     evidence = verdicts.Evidence(stand.baseline, found, proofs, options.fitted, loads, stand.told, unproved)
     decided = verdicts.decide(evidence)
     learned = None
-    is_curve = decided.name == "unknown effect" and form is not None and form.p_value < GATES.missing_level
+    is_curve = decided.name == "unknown effect" and not decided.is_dynamic
+    is_curve = is_curve and form is not None and form.p_value < GATES.missing_level
     if is_curve and form is not None and not options.is_over:
         progress(f"refitting with the load as a curve over {form.label}")
         longest = max(CURVE_SECONDS, CURVE_TIMES * stand.baseline.seconds)

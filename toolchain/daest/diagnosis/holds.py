@@ -85,10 +85,14 @@ def unsettled_hold(stand: Stand, found: Diagnosis) -> Hold | None:
     return open_hold(stand.null)
 
 
-def says_more(proofs: Sequence[Proof], stand: Stand) -> bool:
-    """Whether a candidate was accepted that fits better than the model as it is with the hold of `stand`."""
+def says_more(proofs: Sequence[Proof], first: Sequence[Proof], stand: Stand) -> bool:
+    """Whether a candidate was accepted that fits better than the model as it is with the hold of `stand`, and
+    than those of the `first` proofs, with that hold, of which nobody can tell what they are but something
+    dynamic."""
     best = best_accepted(proofs)
-    return best is not None and best.fit.log_likelihood > stand.baseline.log_likelihood + GATES.min_hold_gain
+    dynamic = [p.fit.log_likelihood for p in first if p.is_any_dynamics]
+    least = max([stand.baseline.log_likelihood, *dynamic]) + GATES.min_hold_gain
+    return best is not None and best.fit.log_likelihood > least
 
 
 def says_as_much(proofs: Sequence[Proof], first: Sequence[Proof]) -> bool:

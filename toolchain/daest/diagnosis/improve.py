@@ -135,7 +135,7 @@ def improve(
     progress(IN_VAIN.format(hold_text(hold)))
     again = replace(options, hold=hold, near=near)
     other_way = improve(flat, library, experiments, validation, again, most_effects, progress)
-    return other_way if says_more(_last_added(other_way), stand) else nothing
+    return other_way if says_more(_last_added(other_way), nothing.last.proofs, stand) else nothing
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,7 @@ from daest.systems.state_space import state_space_family
 
 MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
+MOST_HELD = 1  # law with a shape at its bound is tried once more without it
 MOST_SIMPLER = 2
 ITERATIONS = 15
 LAGS = (1.0, 10.0, 100.0)  # sampling periods, from which the size of a delay or lag is looked for
@@ -337,6 +338,38 @@ def rounded(null: Null, proofs: Sequence[Proof]) -> tuple[Prepared, ...]:
             useless = proof.fit.log_likelihood - 0.5 * bic_gain(0.0, len(kinks), null)
             found.append(Prepared(trial, flat, names, similar=proof.fit, useless=useless))
     return tuple(found)
+
+
+def held_at_bounds(null: Null, proofs: Sequence[Proof]) -> tuple[Prepared, ...]:
+    """Of laws that were refused since a shape of theirs came to its bound the likeliest, once more with that
+    held there, and with it what the data no longer know: bristles whose friction is no larger at low speed
+    are the model of Dahl."""
+    refused = [p for p in proofs if p.verdict == "rejected" and p.delta_bic > GATES.min_bic_gain]
+    found = []
+    for proof in sorted(refused, key=lambda p: -p.delta_bic):
+        candidate, own = proof.candidate, {p.name: p for p in proof.fit.parameters}
+        shapes = {
+            p.name: own[f"{candidate.name}.{p.name}"]
+            for p in candidate.effect.parameters
+            if p.role == "shape" and f"{candidate.name}.{p.name}" in own
+        }
+        held = {name: p.value for name, p in shapes.items() if p.at_bound or p.std_error is None}
+        if not any(p.at_bound for p in shapes.values()):
+            continue
+        parameters = tuple(
+            replace(p, estimate=p.estimate and p.name not in held) for p in candidate.effect.parameters
+        )
+        simpler = replace(
+            candidate,
+            effect=replace(candidate.effect, parameters=parameters),
+            shape={**candidate.shape, **held},
+        )
+        sizes = tuple(proof.fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
+        trial = Trial(simpler, sizes, _at_other_places(simpler, proof))
+        values = {f"{candidate.name}.{name}": value for name, value in held.items()}
+        flat = with_equations(proof.flat, "a refit").with_theta(values)
+        found.append(Prepared(trial, flat, (*null.estimated, *simpler.estimated), similar=proof.fit))
+    return tuple(found[:MOST_HELD])
 
 
 def other_forms(null: Null, best: Proof) -> tuple[Prepared, ...]:

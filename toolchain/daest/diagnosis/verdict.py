@@ -94,13 +94,15 @@ class Loads:
 
 @dataclass(frozen=True)
 class Decided:
-    """`is_by_colour`: that prediction errors are correlated in time is all that the verdict rests on."""
+    """`is_by_colour`: that prediction errors are correlated in time is all that the verdict rests on.
+    `is_dynamic`: what is missing is a state, and no curve over any variable."""
 
     name: VerdictName
     message: str
     next_experiment: str = ""
     proofs: tuple[Proof, ...] = ()
     is_by_colour: bool = False
+    is_dynamic: bool = False
 
 
 def decide(evidence: Evidence) -> Decided:
@@ -284,6 +286,7 @@ def _comes_near(evidence: Evidence, near: Proof) -> Decided:
         + _errors(evidence, near)
         + _importance(evidence, near),
         WIDER_BAND,
+        is_dynamic=True,
     )
 
 
@@ -298,6 +301,7 @@ def _any_dynamics(evidence: Evidence, short: Sequence[Proof]) -> Decided:
         + _errors(evidence, best)
         + _importance(evidence, best),
         WIDER_BAND,
+        is_dynamic=True,
     )
 
 

@@ -351,7 +351,7 @@ def _unknowns(family: StateSpaceFamily, options: IdentifyOptions, std: np.ndarra
     names = options.estimate
     if names is None:
         names = tuple(p.name for p in family.parameters if p.estimate)
-    names = tuple(n for n in names if n not in options.fix)
+    names = tuple(n for n in dict.fromkeys(names) if n not in options.fix)
     for name in options.prior:
         known_name(name, known, "parameter")
         if name not in names:
