@@ -37,7 +37,7 @@ from daest.diagnosis.rivals import (
     simplest_first,
 )
 from daest.diagnosis.search import Search
-from daest.diagnosis.slow_loads import said_by_load
+from daest.diagnosis.slow_loads import said_by_loads
 from daest.diagnosis.stages import MOST_IN_USE, Stages, in_time
 from daest.diagnosis.stand import Stand
 from daest.diagnosis.trials import Prepared, Trial, clipping_trials, trials
@@ -119,7 +119,7 @@ class Course:
             rest = []
         proofs = stages.proved(dynamic, proofs)[0] + proofs
         if leader_of(proofs) is None:
-            said = said_by_load(null, self.loads.run, self.load, found)
+            said = said_by_loads(null, self.loads.run, found)
             proofs += stages.proved(stages.prepared(_untried(said, [p.candidate for p in proofs])), proofs)[0]
         if not is_settled(ranked(proofs)):
             dead_times = _untried(late.dead_times, [proof.candidate for proof in proofs])

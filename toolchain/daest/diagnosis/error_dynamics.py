@@ -59,12 +59,12 @@ class WatchedErrors:
     def errors(self, drive: np.ndarray, direct: np.ndarray | None = None) -> np.ndarray:
         """Errors of the predicted outputs (k, n_samples, n_y) from drives (k, 2, n_samples - 1, n) at the
         starts and ends of the intervals, and `direct` errors (k, n_samples, n_y) of the predictions."""
-        own = self.open_loop
-        pushed = _times(drive[:, 0], own.at_start) + _times(drive[:, 1], own.at_end)
-        if direct is not None:
-            pushed -= _times((self.slopes * direct[:, :-1]) @ self.gain.T, own.transition)
-        change = self._shown(pushed)
+        change = self._shown(self._pushed(drive, direct))
         return change if direct is None else change + direct
+
+    def state_errors(self, drive: np.ndarray, direct: np.ndarray) -> np.ndarray:
+        """Errors of the predicted states (k, n_samples, n) from the same."""
+        return self._followed(self._pushed(drive, direct))
 
     def errors_along(self, courses: np.ndarray, entry: np.ndarray) -> np.ndarray:
         """`errors` of drives that are courses (k, 2, n_samples - 1) times one and the same `entry` (n,)."""
@@ -73,15 +73,29 @@ class WatchedErrors:
         pushed += courses[:, 1, :, None] * (own.at_end @ entry)
         return self._shown(pushed)
 
-    def _shown(self, pushed: np.ndarray) -> np.ndarray:
-        """Errors of the predicted outputs (k, n_samples, n_y) from what is added to the errors of the states
-        over every interval (k, n_samples - 1, n)."""
+    def from_start(self, n_samples: int) -> np.ndarray:
+        """Errors of the predicted states (n, n_samples, n) from one in each of them at the start."""
+        n = self.closed.shape[1]
+        return self._followed(np.zeros((n, n_samples - 1, n)), np.eye(n))
+
+    def _pushed(self, drive: np.ndarray, direct: np.ndarray | None) -> np.ndarray:
+        """What is added to the errors of the states over each interval (k, n_samples - 1, n)."""
         own = self.open_loop
+        pushed = _times(drive[:, 0], own.at_start) + _times(drive[:, 1], own.at_end)
+        if direct is not None:
+            pushed -= _times((self.slopes * direct[:, :-1]) @ self.gain.T, own.transition)
+        return pushed
+
+    def _followed(self, pushed: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+        """Errors of the predicted states (k, n_samples, n) from that and from the `start` (k, n)."""
+        start = np.zeros(self.closed.shape[1]) if start is None else start
         if self.closed.shape[0] == 1:
-            states = linear_recursion(self.closed[0], pushed, np.zeros(self.closed.shape[1]))
-        else:
-            states = varying_recursion(self.closed, pushed)
-        return _times(states, own.C)
+            return linear_recursion(self.closed[0], pushed, start)
+        return varying_recursion(self.closed, pushed, start)
+
+    def _shown(self, pushed: np.ndarray) -> np.ndarray:
+        """Errors of the predicted outputs (k, n_samples, n_y) from it."""
+        return _times(self._followed(pushed), self.open_loop.C)
 
 
 def _times(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:

@@ -389,7 +389,7 @@ def _responses(
     for number, entries in enumerate(entries_along(null, run, explicit, names)):
         experiment = null.experiments[number]
         rows = np.empty((len(names), experiment.outputs.size))
-        for several in _several(len(names), experiment.n_samples * entries.n_states):
+        for several in some_at_a_time(len(names), experiment.n_samples * entries.n_states):
             ends, shown = entries.of(several)
             rows[several] = innovation_responses(run, number, experiment, ends, shown)
         parts.append(rows)
@@ -437,7 +437,7 @@ def entries_along(
         )
 
 
-def _several(count: int, each: int) -> Iterator[range]:
+def some_at_a_time(count: int, each: int) -> Iterator[range]:
     """`count` things of `each` numbers, so many at a time that their numbers stay in the memory that is at
     hand: all at once, most of the time goes into getting more of it."""
     length = max(1, AT_HAND // each)

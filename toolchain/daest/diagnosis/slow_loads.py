@@ -1,8 +1,8 @@
-"""Laws that an unknown load says in their place.
+"""Laws that unknown loads say in their place.
 
-A load that is slow beside the recording takes a constant torque, and the innovations show nothing of it: one
-sample ahead, a load that stays as it is is as good as a law. But smoothed over the whole recording, the load
-is what the law says.
+A load that is slow beside the recording takes a constant torque, or the drift of a sensor, and innovations
+show nothing of it: one sample ahead, a load that stays as it is is as good as a law. But the loads that the
+observer comes to are then those that the law makes it see, all along the recording.
 """
 
 from __future__ import annotations
@@ -13,59 +13,67 @@ from dataclasses import replace
 import numpy as np
 
 from daest.diagnosis.candidates import explicit_at_null
-from daest.diagnosis.disturbance import SmoothedLoad
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
-from daest.diagnosis.screen import NullObserver, entries_along, size_names
+from daest.diagnosis.screen import NullObserver, entries_along, projection, size_names, some_at_a_time
 from daest.diagnosis.trials import Trial, trials
 from daest.model.diagnosis import Candidate, Screen
+from daest.model.effects import Effect
+from daest.model.flat import ExplicitModel
 
 MOST_SAID = 1  # trial goes to the proof
 
 
-def said_by_load(
-    null: Null, run: NullObserver, load: SmoothedLoad | None, found: Screen
-) -> tuple[Trial, ...]:
-    """Of the screened laws at the place of the load those that are all of its course, smoothed, by sizes
-    alone; the one that says most first."""
-    if load is None:
+def said_by_loads(null: Null, run: NullObserver, found: Screen) -> tuple[Trial, ...]:
+    """Of the screened laws those that account for all loads by their sizes alone, best first."""
+    if not null.loads:
         return ()
-    places = null.loads[load.index].places
-    known = [
-        i
-        for i, entry in enumerate(found.entries)
-        if entry.candidate.site.name in places and not entry.candidate.shape
-    ]
-    told = _regressed(null, run, load, [found.entries[i].candidate for i in known])
-    least = GATES.min_said_by_load
+    known = [i for i, entry in enumerate(found.entries) if _has_sizes_alone(entry.candidate.effect)]
+    told = _regressed(null, run, [found.entries[i].candidate for i in known])
+    least = GATES.min_said_by_loads
     order = sorted((i for i in range(len(known)) if told[i][0] > least), key=lambda i: -told[i][0])
-    entries = tuple(replace(found.entries[known[i]], sizes=told[i][1]) for i in order)
+    entries = tuple(replace(found.entries[known[i]], p_value=0.0, sizes=told[i][1]) for i in order)
     rows = [known[i] for i in order]
-    return trials(
-        replace(found, entries=entries, correlation=found.correlation[np.ix_(rows, rows)]), 1.0, MOST_SAID
-    )
+    chosen = replace(found, entries=entries, correlation=found.correlation[np.ix_(rows, rows)])
+    return trials(chosen, GATES.screen_level, MOST_SAID)
+
+
+def _has_sizes_alone(effect: Effect) -> bool:
+    return not effect.n_states and not any(p.role == "shape" for p in effect.parameters)
 
 
 def _regressed(
-    null: Null, run: NullObserver, load: SmoothedLoad, candidates: Sequence[Candidate]
+    null: Null, run: NullObserver, candidates: Sequence[Candidate]
 ) -> list[tuple[float, tuple[float, ...]]]:
-    """Of each candidate the share of the squares of the load's course, in the first experiment, that it says
-    at its best sizes, and these."""
+    """Of each candidate the share of the squares of the loads, as the observer predicts them in the first
+    experiment, that the law explains at its best sizes, and these: beyond what other parameters and another
+    start would do to them. Every load counts by its size."""
     if not candidates:
         return []
     names = [name for candidate in candidates for name in size_names(candidate)]
-    entries = next(entries_along(null, run, explicit_at_null(null.flat, candidates), names))
-    drives = entries.of(range(len(names)))[0][:, 0]
-    row = run.state_names.index(null.loads[load.index].name)
-    entry = run.average.A[:, row].copy()
-    entry[row] = 0.0  # the load's own decay
-    course = (load.values[:-1, None] * entry).ravel()
-    result, first = [], 0
+    n_samples, dynamics = null.experiments[0].n_samples, run.dynamics[0]
+    rows = [run.state_names.index(load.name) for load in null.loads]
+    weights = np.array([1.0 / load.size if load.size > 0.0 else 0.0 for load in null.loads])
+
+    def course(states: np.ndarray) -> np.ndarray:
+        return (states[..., rows] * weights).reshape(*states.shape[:-2], -1)
+
+    def made(explicit: ExplicitModel, names: Sequence[str]) -> np.ndarray:
+        entries = next(entries_along(null, run, explicit, names))
+        found = np.empty((len(names), n_samples * len(rows)))
+        for several in some_at_a_time(len(names), n_samples * entries.n_states):
+            # What is missing in the model is what the loads stand for: their errors, were it there.
+            found[several] = -course(dynamics.state_errors(*entries.of(several)))
+        return found
+
+    directions = [course(dynamics.from_start(n_samples)), made(null.explicit, null.estimated)]
+    apart = projection(np.concatenate(directions))
+    loads = apart(course(run.observed[0].predicted)[None])[0][0]
+    laws, result, first = apart(made(explicit_at_null(null.flat, candidates), names))[0], [], 0
     for candidate in candidates:
-        own = drives[first : first + len(candidate.effect.sizes)]
-        first += len(own)
-        table = own.reshape(len(own), -1).T
-        sizes = np.linalg.lstsq(table, course, rcond=None)[0]
-        left = float(np.sum((course - table @ sizes) ** 2) / np.sum(course**2))
+        own = laws[first : first + len(candidate.effect.sizes)].T
+        first += own.shape[1]
+        sizes = np.linalg.lstsq(own, loads, rcond=None)[0]
+        left = float(np.sum((loads - own @ sizes) ** 2) / max(np.sum(loads**2), np.finfo(float).tiny))
         result.append((1.0 - left, tuple(sizes.tolist())))
     return result
