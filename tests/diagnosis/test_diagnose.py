@@ -138,6 +138,28 @@ def test_constant_load_is_named_where_nothing_holds_the_angle():
     assert entry.p_value > 0.05
 
 
+class Bristles:
+    """Dry friction with elastic presliding (Dahl), as a torque over the path."""
+
+    def __init__(self, tau, deflection):
+        self.tau, self.deflection, self.z, self.last = tau, deflection, 0.0, 0.0
+
+    def __call__(self, w, phi):
+        step, self.last = phi - self.last, phi
+        self.z += (step - abs(step) * self.z) / self.deflection
+        return -self.tau * self.z
+
+
+def test_bristles_are_named_without_the_excess_that_they_do_not_have():
+    record, _ = rotor_record(800, seed=21, torque=Bristles(0.15, 0.3))
+    found = diagnosed(record, "LuGreFriction", "CoulombFriction", "QuadraticDrag")
+    assert found.verdict == "supported" and accepted(found) == {"LuGreFriction"}
+    values = {p.name.rpartition(".")[2]: p for p in found.proofs[0].told.parameters}
+    assert "b" not in values and "w_st" not in values
+    for name, true in (("tau_c", 0.15), ("phi_b", 0.3)):
+        assert abs(values[name].value - true) < 3.0 * values[name].std_error < 0.3 * true
+
+
 @pytest.mark.slow
 def test_strong_white_torque_is_no_effect():
     found = diagnosed(rotor_record(1200, seed=13, noise=30e-4)[0])

@@ -92,3 +92,26 @@ def test_response_of_a_rubbing_model_is_the_difference_of_two_runs(sharpness):
     along, average = relative_errors(rubbing(sharpness))
     assert along < 0.01
     assert average > 5.0 * along and average > 0.05
+
+
+@pytest.mark.parametrize("hidden", [{}, {"coulomb": lambda phi: 0.15}])
+def test_outputs_show_the_errors_of_the_states(hidden):
+    flat = rubbing(0.2) if hidden else model()
+    null, run = null_of(flat, rotor_record(400, seed=3, **hidden)[0])
+    dynamics, rng = run.dynamics[0], np.random.default_rng(1)
+    n, m = len(run.state_names), null.experiments[0].n_samples
+    drive, direct = rng.normal(size=(2, 2, m - 1, n)), rng.normal(size=(2, m, 1))
+    C = np.broadcast_to(dynamics.open_loop.C, (m, 1, n))
+    shown = np.einsum("kmn,myn->kmy", dynamics.state_errors(drive, direct), C)
+    assert np.allclose(dynamics.errors(drive, direct), shown + direct)
+
+
+def test_error_at_the_start_goes_on_as_one_that_a_drive_has_left():
+    null, run = null_of(model(), rotor_record(400, seed=3)[0])
+    dynamics, n, m = run.dynamics[0], len(run.state_names), null.experiments[0].n_samples
+    drive = np.zeros((1, 2, m - 1, n))
+    drive[0, :, 0] = np.arange(1.0, n + 1.0)
+    (later,) = dynamics.state_errors(drive, np.zeros((1, m, 1)))
+    begun = dynamics.from_start(m)
+    assert np.array_equal(begun[:, 0], np.eye(n)) and np.any(later[1])
+    assert np.allclose(later[1:], np.einsum("i,imn->mn", later[1], begun)[:-1])

@@ -21,7 +21,7 @@ from daest.model.diagnosis import Candidate, Screen
 from daest.model.effects import Effect
 from daest.model.flat import ExplicitModel
 
-MOST_SAID = 1  # trial goes to the proof
+MOST_SAID = 3  # trials go to the proof
 
 
 def said_by_loads(null: Null, run: NullObserver, found: Screen) -> tuple[Trial, ...]:

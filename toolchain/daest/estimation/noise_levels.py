@@ -160,10 +160,18 @@ def gained(problem: TrajectoryProblem, found: Observer) -> TrajectoryProblem:
 
 
 def at_size_of_innovations(setup: Setup, errors: Errors, levels: Levels, found: Observer) -> Levels:
-    """The levels, with the common size that the innovations tell where it is free."""
+    """The levels, with the common size that the innovations tell where it is free. An output whose innovation
+    is its measurement noise, since the process noise does nothing to it, has a size of its own: the gain does
+    not tell the ratio of its noise to another one's."""
     if not setup.has_free_size:
         return levels
-    return levels.times(float(np.mean(np.diagonal(errors.covariance) / np.diagonal(found.innovation_cov))))
+    expected = np.diagonal(found.innovation_cov)
+    ratios = np.diagonal(errors.covariance) / expected
+    own = levels.measurement_std**2 >= FIT.own_noise * expected
+    size = float(np.mean(ratios[~own] if not np.all(own) else ratios))
+    sized = levels.times(size)
+    std = np.where(own, sized.measurement_std * np.sqrt(ratios / size), sized.measurement_std)
+    return replace(sized, measurement_std=std)
 
 
 def _misfit(errors: Errors, found: Observer) -> float:
