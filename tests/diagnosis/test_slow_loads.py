@@ -38,4 +38,11 @@ def test_load_that_moves_by_itself_stands_for_no_law(seed):
 def test_nothing_is_said_where_there_is_no_load():
     null, run = quiet()
     found = screen(null, run, pairs(some_effects(*EFFECTS), sites(null.flat)))
-    assert said_by_loads(replace(null, places=()), run, found) == ()
+    assert said_by_loads(replace(null, loads=()), run, found) == ()
+
+
+def test_loads_of_no_size_stand_for_nothing():
+    null, run = quiet()
+    calm = replace(null, loads=tuple(replace(load, size=0.0) for load in null.loads))
+    found = screen(null, run, pairs(some_effects(*EFFECTS), sites(null.flat)))
+    assert said_by_loads(calm, run, found) == ()

@@ -18,7 +18,6 @@ from daest.diagnosis.null import Null
 from daest.diagnosis.screen import NullObserver, entries_along, projection, size_names, some_at_a_time
 from daest.diagnosis.trials import Trial, trials
 from daest.model.diagnosis import Candidate, Screen
-from daest.model.effects import Effect
 from daest.model.flat import ExplicitModel
 
 MOST_SAID = 3  # trials go to the proof
@@ -28,7 +27,7 @@ def said_by_loads(null: Null, run: NullObserver, found: Screen) -> tuple[Trial, 
     """Of the screened laws those that account for all loads by their sizes alone, best first."""
     if not null.loads:
         return ()
-    known = [i for i, entry in enumerate(found.entries) if _has_sizes_alone(entry.candidate.effect)]
+    known = [i for i, entry in enumerate(found.entries) if _has_sizes_alone(entry.candidate)]
     told = _regressed(null, run, [found.entries[i].candidate for i in known])
     least = GATES.min_said_by_loads
     order = sorted((i for i in range(len(known)) if told[i][0] > least), key=lambda i: -told[i][0])
@@ -38,8 +37,10 @@ def said_by_loads(null: Null, run: NullObserver, found: Screen) -> tuple[Trial, 
     return trials(chosen, GATES.screen_level, MOST_SAID)
 
 
-def _has_sizes_alone(effect: Effect) -> bool:
-    return not effect.n_states and not any(p.role == "shape" for p in effect.parameters)
+def _has_sizes_alone(candidate: Candidate) -> bool:
+    effect = candidate.effect
+    has_states = candidate.is_dynamic or effect.n_states
+    return not has_states and not any(p.role == "shape" for p in effect.parameters)
 
 
 def _regressed(
@@ -68,12 +69,14 @@ def _regressed(
 
     directions = [course(dynamics.from_start(n_samples)), made(null.explicit, null.estimated)]
     apart = projection(np.concatenate(directions))
-    loads = apart(course(run.observed[0].predicted)[None])[0][0]
+    (loads,), (share,) = apart(course(run.observed[0].predicted)[None])
+    if share < GATES.same_slopes:  # rounding: parameters and starts do all that the loads do
+        return [(0.0, ())] * len(candidates)
     laws, result, first = apart(made(explicit_at_null(null.flat, candidates), names))[0], [], 0
     for candidate in candidates:
         own = laws[first : first + len(candidate.effect.sizes)].T
         first += own.shape[1]
         sizes = np.linalg.lstsq(own, loads, rcond=None)[0]
-        left = float(np.sum((loads - own @ sizes) ** 2) / max(np.sum(loads**2), np.finfo(float).tiny))
+        left = float(np.sum((loads - own @ sizes) ** 2) / np.sum(loads**2))
         result.append((1.0 - left, tuple(sizes.tolist())))
     return result
