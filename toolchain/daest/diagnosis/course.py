@@ -143,8 +143,9 @@ class Course:
         if best is not None:
             proofs += stages.proved(stages.prepared(signal_laws(best, found, proofs)), ())[0]
             return proofs
-        held = stages.proved(held_at_bounds(self.stand.null, proofs), ())[0]
-        accepted = {p.candidate.name: p for p in held if p.verdict != "rejected"}
+        held = held_at_bounds(self.stand.null, proofs)
+        again = stages.proved([] if held is None else [held], ())[0]
+        accepted = {p.candidate.name: p for p in again if p.verdict != "rejected"}
         return [accepted.get(p.candidate.name, p) for p in proofs]
 
     def _with_other_forms(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:

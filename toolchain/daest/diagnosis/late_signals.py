@@ -140,10 +140,10 @@ def _course(null: Null, run: NullObserver, number: int, site: Site) -> np.ndarra
     """A signal of one experiment at both ends of all intervals, (2, n_samples - 1)."""
     experiment = null.experiments[number]
     if site.kind == "input":
-        column = [one.name for one in null.flat.inputs].index(site.name)
+        column = null.flat.input_names.index(site.name)
         ends = interval_inputs(null.explicit, experiment.time, experiment.inputs, null.hold)
         return np.stack([end[:, column] for end in ends])
-    column = [one.name for one in null.flat.outputs].index(site.name)
+    column = null.flat.output_names.index(site.name)
     error = run.observed[number].whitened @ np.linalg.inv(run.root).T
     foreseen = bridged(experiment.outputs - error, ~np.isfinite(experiment.outputs))[:, column]
     return np.stack([foreseen[:-1], foreseen[1:]])

@@ -109,24 +109,15 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
 def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
     """Laws with states are refused that say no more than a lag or a delay with fewer parameters which is too
     short to be told from others: a flexible part with three imitates the lag of a sensor."""
-    short = [p for p in proofs if p.is_any_dynamics]
-
-    def imitated(proof: Proof) -> Proof | None:
-        if proof.verdict == "rejected" or not proof.candidate.effect.n_states:
-            return None
+    short, result = [p for p in proofs if p.is_any_dynamics], []
+    for proof in proofs:
         simpler = [p for p in short if p.candidate.n_unknowns < proof.candidate.n_unknowns]
-        return next((p for p in simpler if proof.delta_bic <= p.delta_bic + GATES.same_bic), None)
-
-    return [
-        proof
-        if (simple := imitated(proof)) is None
-        else replace(
-            proof,
-            verdict="rejected",
-            reason=f"{simple.candidate.label} says as much with fewer parameters, but {simple.reason}",
-        )
-        for proof in proofs
-    ]
+        same = next((p for p in simpler if proof.delta_bic <= p.delta_bic + GATES.same_bic), None)
+        if proof.verdict != "rejected" and proof.candidate.effect.n_states and same is not None:
+            reason = f"{same.candidate.label} says as much with fewer parameters, but {same.reason}"
+            proof = replace(proof, verdict="rejected", reason=reason)
+        result.append(proof)
+    return result
 
 
 def _without_hopeless(proofs: Sequence[Proof]) -> list[Proof]:

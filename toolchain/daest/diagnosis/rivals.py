@@ -31,7 +31,7 @@ from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.diagnosis import Candidate, Proof, Screen, Screened
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.fit import FitResult, FittedParameter, IdentifyOptions
 from daest.model.flat import FlatModel, with_equations
 from daest.modelica.attach import attach
 from daest.systems.integrate import integrator
@@ -41,7 +41,6 @@ from daest.systems.state_space import state_space_family
 
 MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
-MOST_HELD = 1  # law with a shape at its bound is tried once more without it
 MOST_SIMPLER = 2
 ITERATIONS = 15
 LAGS = (1.0, 10.0, 100.0)  # sampling periods, from which the size of a delay or lag is looked for
@@ -330,8 +329,7 @@ def rounded(null: Null, proofs: Sequence[Proof]) -> tuple[Prepared, ...]:
         candidate = proof.candidate
         kinks = [f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.role == "sharpness"]
         if kinks:
-            sizes = tuple(proof.fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
-            trial = Trial(candidate, sizes, _at_other_places(candidate, proof))
+            trial = Trial(candidate, proof.sizes, _at_other_places(candidate, proof))
             flat = with_equations(proof.flat, "a refit")
             names = (*null.estimated, *candidate.estimated, *kinks)
             # Without its parameters' worth it does not take the place of the law that it starts from.
@@ -340,36 +338,36 @@ def rounded(null: Null, proofs: Sequence[Proof]) -> tuple[Prepared, ...]:
     return tuple(found)
 
 
-def held_at_bounds(null: Null, proofs: Sequence[Proof]) -> tuple[Prepared, ...]:
+def held_at_bounds(null: Null, proofs: Sequence[Proof]) -> Prepared | None:
     """Of laws that were refused since a shape of theirs came to its bound the likeliest, once more with that
     held there, and with it what the data no longer know: bristles whose friction is no larger at low speed
-    are the model of Dahl."""
+    are the model of Dahl. None where there is none."""
     refused = [p for p in proofs if p.verdict == "rejected" and p.delta_bic > GATES.min_bic_gain]
-    found = []
-    for proof in sorted(refused, key=lambda p: -p.delta_bic):
-        candidate, own = proof.candidate, {p.name: p for p in proof.fit.parameters}
-        shapes = {
-            p.name: own[f"{candidate.name}.{p.name}"]
-            for p in candidate.effect.parameters
-            if p.role == "shape" and f"{candidate.name}.{p.name}" in own
-        }
-        held = {name: p.value for name, p in shapes.items() if p.at_bound or p.std_error is None}
-        if not any(p.at_bound for p in shapes.values()):
-            continue
-        parameters = tuple(
-            replace(p, estimate=p.estimate and p.name not in held) for p in candidate.effect.parameters
-        )
-        simpler = replace(
-            candidate,
-            effect=replace(candidate.effect, parameters=parameters),
-            shape={**candidate.shape, **held},
-        )
-        sizes = tuple(proof.fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
-        trial = Trial(simpler, sizes, _at_other_places(simpler, proof))
-        values = {f"{candidate.name}.{name}": value for name, value in held.items()}
-        flat = with_equations(proof.flat, "a refit").with_theta(values)
-        found.append(Prepared(trial, flat, (*null.estimated, *simpler.estimated), similar=proof.fit))
-    return tuple(found[:MOST_HELD])
+    bounded = [p for p in refused if any(shape.at_bound for shape in _fitted_shapes(p).values())]
+    proof = max(bounded, key=lambda p: p.delta_bic, default=None)
+    if proof is None:
+        return None
+    candidate = proof.candidate
+    held = {n: p.value for n, p in _fitted_shapes(proof).items() if p.at_bound or p.std_error is None}
+    parameters = tuple(
+        replace(p, estimate=p.estimate and p.name not in held) for p in candidate.effect.parameters
+    )
+    simpler = replace(
+        candidate,
+        effect=replace(candidate.effect, parameters=parameters),
+        shape={**candidate.shape, **held},
+    )
+    trial = Trial(simpler, proof.sizes, _at_other_places(simpler, proof))
+    values = {f"{candidate.name}.{name}": value for name, value in held.items()}
+    flat = with_equations(proof.flat, "a refit").with_theta(values)
+    return Prepared(trial, flat, (*null.estimated, *simpler.estimated), similar=proof.fit)
+
+
+def _fitted_shapes(proof: Proof) -> dict[str, FittedParameter]:
+    """Those of the law's shapes that were estimated, by name."""
+    candidate, found = proof.candidate, {p.name: p for p in proof.fit.parameters}
+    shapes = [p.name for p in candidate.effect.parameters if p.role == "shape"]
+    return {name: found[own] for name in shapes if (own := f"{candidate.name}.{name}") in found}
 
 
 def other_forms(null: Null, best: Proof) -> tuple[Prepared, ...]:
@@ -377,14 +375,13 @@ def other_forms(null: Null, best: Proof) -> tuple[Prepared, ...]:
     or bridges it, friction that is larger in one direction or in the other. A small effect hardly tells them
     apart, so that the screen may have taken the wrong one."""
     candidate, found = best.candidate, []
-    sizes = tuple(best.fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
     for p in candidate.effect.parameters:
         is_choice = p.role == "shape" and not p.estimate and not p.scale_of and not p.periods_over
         for value in p.grid if is_choice else ():
             if value != candidate.shape.get(p.name, p.start):
                 other = replace(candidate, shape={**candidate.shape, p.name: value})
                 flat = with_equations(best.flat, "a refit").with_theta({f"{candidate.name}.{p.name}": value})
-                trial = Trial(other, sizes, _at_other_places(other, best))
+                trial = Trial(other, best.sizes, _at_other_places(other, best))
                 found.append(Prepared(trial, flat, (*null.estimated, *candidate.estimated)))
     return tuple(found)
 

@@ -235,12 +235,7 @@ def _without_sums(found: Screen, contained: set[str]) -> Screen:
                 if is_alike and other.candidate.effect is effect
             }
     keep = [i for i, entry in enumerate(found.entries) if entry.candidate.label not in others]
-    return replace(
-        found,
-        entries=tuple(found.entries[i] for i in keep),
-        correlation=found.correlation[np.ix_(keep, keep)],
-        skipped=(*found.skipped, *others.items()),
-    )
+    return replace(found.only(keep), skipped=(*found.skipped, *others.items()))
 
 
 def _following(null: Null, run: NullObserver, candidates: Sequence[Candidate]) -> list[Candidate]:

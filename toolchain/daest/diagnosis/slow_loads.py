@@ -28,13 +28,11 @@ def said_by_loads(null: Null, run: NullObserver, found: Screen) -> tuple[Trial, 
     if not null.loads:
         return ()
     known = [i for i, entry in enumerate(found.entries) if _has_sizes_alone(entry.candidate)]
-    told = _regressed(null, run, [found.entries[i].candidate for i in known])
-    least = GATES.min_said_by_loads
-    order = sorted((i for i in range(len(known)) if told[i][0] > least), key=lambda i: -told[i][0])
-    entries = tuple(replace(found.entries[known[i]], p_value=0.0, sizes=told[i][1]) for i in order)
-    rows = [known[i] for i in order]
-    chosen = replace(found, entries=entries, correlation=found.correlation[np.ix_(rows, rows)])
-    return trials(chosen, GATES.screen_level, MOST_SAID)
+    told = dict(zip(known, _regressed(null, run, [found.entries[i].candidate for i in known]), strict=True))
+    said = [i for i in known if told[i][0] > GATES.min_said_by_loads]
+    order = sorted(said, key=lambda i: -told[i][0])
+    entries = tuple(replace(found.entries[i], p_value=0.0, sizes=told[i][1]) for i in order)
+    return trials(replace(found.only(order), entries=entries), GATES.screen_level, MOST_SAID)
 
 
 def _has_sizes_alone(candidate: Candidate) -> bool:

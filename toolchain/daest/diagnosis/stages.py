@@ -249,9 +249,10 @@ class Stages:
         wanted = {p.candidate.name: p for p in (*doubted[:MOST_IN_USE], *_beside_in_use(best, proofs))}
         for proof in wanted.values():
             candidate = proof.candidate
-            sizes = tuple(proof.fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
             flat = with_equations(proof.flat, "a simulation").with_theta(proof.fit.theta)
-            prepared = Prepared(Trial(candidate, sizes, ()), flat, (*null.estimated, *candidate.estimated))
+            prepared = Prepared(
+                Trial(candidate, proof.sizes, ()), flat, (*null.estimated, *candidate.estimated)
+            )
             self.progress(f"simulating with {candidate.label}")
             tasks.append(partial(shown_in_use, self.search, prepared, proof, known))
         found = self.proved((), proofs, tasks)[1] if tasks else []

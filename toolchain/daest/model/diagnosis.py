@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -120,6 +120,15 @@ class Screen:
     p_value: float
     n_screened: int
     skipped: tuple[tuple[str, str], ...]  # candidates that could not be tried, with the reason
+
+    def only(self, rows: Sequence[int]) -> Screen:
+        """With these entries alone, in this order."""
+        kept = list(rows)
+        return replace(
+            self,
+            entries=tuple(self.entries[i] for i in kept),
+            correlation=self.correlation[np.ix_(kept, kept)],
+        )
 
 
 @dataclass(frozen=True)
@@ -292,6 +301,12 @@ class Proof:
     is_by_use: bool = False  # the deltas are those in use
     same_as: tuple[str, ...] = ()  # other laws that are the same equation on these recordings
     steady_error: float | None = None
+
+    @property
+    def sizes(self) -> tuple[float, ...]:
+        """Those of the effect beside the unknown loads."""
+        name = self.candidate.name
+        return tuple(self.fit.theta[f"{name}.{p.name}"] for p in self.candidate.effect.sizes)
 
     @property
     def told(self) -> FitResult:
