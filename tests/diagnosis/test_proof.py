@@ -25,6 +25,7 @@ from daest.diagnosis.reasons import (
     is_significant,
     lag_too_short,
     not_determined,
+    too_slow,
     unexplained,
     weak,
     without_evidence,
@@ -979,6 +980,17 @@ def test_lag_shorter_than_anything_in_the_model_is_no_finding(T, is_short):
     assert not is_short or "0.1 s is short beside" in lag_too_short(run.null, lag, fit)
     friction = pairs(some_effects("CoulombFriction"), sites(model()))[0]
     assert lag_too_short(run.null, friction, SimpleNamespace(theta={f"{friction.name}.tau_c": 0.1})) == ""
+
+
+@pytest.mark.parametrize("share, is_long", [(0.2, False), (0.3, True), (1.5, True)])
+def test_delay_of_a_good_part_of_the_recordings_is_no_finding(share, is_long):
+    _, run = quiet()
+    longest = max(e.time[-1] - e.time[0] for e in run.null.experiments)
+    delay = next(c for c in pairs(some_effects("Delay"), sites(model())) if c.site.name == "u")
+    fit = SimpleNamespace(theta={f"{delay.name}.T": share * longest})
+    assert bool(too_slow(run.null, delay, fit)) == is_long
+    gain = next(c for c in pairs(some_effects("Gain"), sites(model())) if c.site.name == "u")
+    assert too_slow(run.null, gain, SimpleNamespace(theta={f"{gain.name}.g": 1e6})) == ""
 
 
 def test_kink_too_sharp_for_any_observer_does_not_take_the_place_of_a_rounder_one():

@@ -20,6 +20,7 @@ from daest.diagnosis.reasons import (
     not_determined,
     other_dynamics,
     out_of_reach,
+    too_slow,
     undriven,
     unexplained,
     vanished,
@@ -311,7 +312,8 @@ class _Judge:
         if not against and not undetermined:
             formless = without_form(self.with_effect, candidate, last)
             is_open = not formless
-            unseen_form = formless or out_of_reach(self.with_effect, candidate, last)
+            beyond = out_of_reach(self.with_effect, candidate, last)
+            unseen_form = formless or beyond or too_slow(self.with_effect, candidate, last)
         reason = against or undetermined or unseen_form
         reason = reason or weak(prepared, final if is_shown and final else fit, self._before)
         alone = grown(self.fed, prepared.flat, explicit, last, self.found.experiments)
@@ -457,6 +459,7 @@ def by_simulation(
     model = grown(null, prepared.flat, explicit, found, null.experiments)
     refused = refused or bool(undriven(model))
     refused = refused or bool(without_form(model, candidate, found) or out_of_reach(model, candidate, found))
+    refused = refused or bool(too_slow(model, candidate, found))
     p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(used.gain, 0.0), n_own)))
     if refused or p_value > GATES.max_chance:
         return beside

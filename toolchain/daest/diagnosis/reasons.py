@@ -141,6 +141,18 @@ def out_of_reach(model: Null, candidate: Candidate, told: FitResult) -> str:
     return beyond
 
 
+def too_slow(model: Null, candidate: Candidate, told: FitResult) -> str:
+    """Why a lag or a delay is not what its name says, where its time is such a share of the recordings that
+    these hardly show the signal come back: most of it is then what was before they began, or an integral.
+    Empty where it is not."""
+    times = [told.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes if p.unit == "s"]
+    most = GATES.longest_load * max(float(e.time[-1] - e.time[0]) for e in model.experiments)
+    if not candidate.is_dynamic or max(times, default=0.0) <= most:
+        return ""
+    longest = max(times)
+    return f"{spoken_duration(longest)} is too long for recordings that show up to {spoken_duration(most)}"
+
+
 def _is_place(parameter: EffectParameter) -> bool:
     """Whether a shape along a variable is a place there: it is looked for near the end of its reach."""
     return PLACED <= max(map(abs, parameter.grid), default=0.0) < 1.0
