@@ -32,7 +32,7 @@ from daest.diagnosis.holds import (
 from daest.diagnosis.null import known_values
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.rounds import accept
-from daest.diagnosis.stand import Stand, begin, beside_limits, halved, limited, without_noises
+from daest.diagnosis.stand import Stand, begin, halved, limited, told_whole, without_noises
 from daest.diagnosis.switching import diagnose_switching
 from daest.fmu.binary_model import BinaryModel
 from daest.model.diagnosis import Candidate, Diagnosis, Proof
@@ -75,7 +75,7 @@ def diagnose(
         again = replace(options, hold=hold, near=known_values(asis.null.fit))
         there, its_limits = limited(begin(flat, experiments, validation, again, progress), library, again)
         second = examine(there, library, again, progress)
-        return second.proofs, beside_limits(second, there, its_limits)
+        return second.proofs, told_whole(second, there, its_limits)
 
     try:
         found = examine(stand, library, options, progress, holds.watched)
@@ -85,18 +85,18 @@ def diagnose(
         if says_as_much(proofs, shown.proofs):
             return replace(told, seconds=time.perf_counter() - stand.began)
         found = examine(stand, library, options, progress)
-        return beside_limits(found, stand, limits)
+        return told_whole(found, stand, limits)
     beside = _behind_a_lag(stand, found, library, options, progress)
     if beside is not None:
-        return beside_limits(beside, stand, limits)
+        return told_whole(beside, stand, limits)
     better, other = holds.better(found.proofs), unsettled_hold(stand, found)
     hold = better or other
     if hold is None or options.is_over:
-        return beside_limits(found, stand, limits)
+        return told_whole(found, stand, limits)
     progress((AGAIN if better else IN_VAIN).format(hold_text(hold)))
     proofs, told = held(hold)
     is_second = says_as_much(proofs, found.proofs) if better else says_more(proofs, found.proofs, stand)
-    best = told if is_second else beside_limits(found, stand, limits)
+    best = told if is_second else told_whole(found, stand, limits)
     return replace(best, seconds=found.seconds + told.seconds)
 
 

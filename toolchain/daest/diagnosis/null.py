@@ -296,7 +296,7 @@ def _loaded_fit(
         if error.code != "identify-unidentifiable" or _is_about(error, times):
             raise
         try:
-            return _fit_from(_moved_apart(loaded), times, experiments, hold, slowest, is_affine)
+            return _fit_from(moved_apart(loaded), times, experiments, hold, slowest, is_affine)
         except EstimationError:
             raise error from None
 
@@ -318,7 +318,7 @@ def _is_about(error: EstimationError, times: tuple[str, ...]) -> bool:
     return set(str(error.where).split(", ")) <= set(times)
 
 
-def _moved_apart(flat: FlatModel) -> FlatModel:
+def moved_apart(flat: FlatModel) -> FlatModel:
     """The model with every estimated value off by another part of itself."""
     number = count(1)
     return replace(

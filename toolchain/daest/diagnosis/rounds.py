@@ -49,7 +49,8 @@ def accept(stand: Stand, proof: Proof, jobs: int = 1) -> Stand:
         ratios = error_ratios(reference.fit.simulated, proof.final.simulated)
         if ratios and np.mean(np.square(ratios)) < 1.0:
             reference = replace(reference, fit=proof.final)
-    return Stand(stand.declared, model, baseline, validation, time.perf_counter(), reference)
+    began = time.perf_counter()
+    return Stand(stand.declared, model, baseline, validation, began, reference, tied=stand.tied)
 
 
 def proved_again(stand: Stand, proof: Proof, values: Mapping[str, float]) -> Proof:

@@ -16,14 +16,14 @@ from scipy.linalg import LinAlgWarning
 from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import Null, as_recorded, fit_null, refit
+from daest.diagnosis.null import Null, as_recorded, fit_null, moved_apart, refit
 from daest.diagnosis.open_loop import simulated_errors
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import Reference, bic_gain
 from daest.diagnosis.settled import FAILURES, settled, simulated
 from daest.diagnosis.unseen import adds_up, foreseen
 from daest.errors import EstimationError
-from daest.estimation.identify import identify
+from daest.estimation.identify import flat_direction, identify
 from daest.estimation.records import part_of
 from daest.estimation.setup import is_constant
 from daest.model.diagnosis import Diagnosis, Proof, VerdictName
@@ -31,7 +31,7 @@ from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel
-from daest.model.holds import Hold
+from daest.model.holds import FOH, Hold
 from daest.numerics.statistics import chi2
 
 
@@ -40,7 +40,8 @@ class Stand:
     """What is examined: the model as the user declared it (`declared`), the null made from it (with the
     effects that were accepted so far), the null's fit on the same terms as those of its rivals (`baseline`),
     the one without coloured loads (`reference`), and the validation data, with those for the other hold where
-    they differ."""
+    they differ. Of every set of parameters in `tied`, which can change together without any effect on the
+    outputs, the first is held."""
 
     declared: FlatModel
     null: Null
@@ -49,6 +50,7 @@ class Stand:
     began: float
     reference: Reference | None = None
     other_validation: tuple[Experiment, ...] | None = None
+    tied: tuple[tuple[str, ...], ...] = ()
 
     @property
     def told(self) -> FitResult:
@@ -81,12 +83,44 @@ def begin(
         return unseen(null.recorded_hold)
 
     def fitted() -> Stand:
-        null, baseline, reference = _fitted(without_noises(flat), null_of, unseen_by)
+        free, tied = _scaled(without_noises(flat), null_of, both[0])
+        null, baseline, reference = _fitted(free, null_of, unseen_by)
         other = unseen(null.other_hold) if held is not None and null.other_hold else None
-        return Stand(flat, null, baseline, unseen_by(null), began, reference, other)
+        declared = replace(flat, parameters=free.parameters)
+        return Stand(declared, null, baseline, unseen_by(null), began, reference, other, tied)
 
     parts = (options.hold, options.slowest_load, *sorted(options.near.items()))
     return replace(options.step("null", parts, flat, fitted), began=began)
+
+
+def _scaled(
+    flat: FlatModel, null_of: Callable[[FlatModel], Null], experiments: Sequence[Experiment]
+) -> tuple[FlatModel, tuple[tuple[str, ...], ...]]:
+    """The model with one parameter held of each set of them that can change together without any effect on
+    the outputs, and these sets: a torque constant with all torques, say. Loads would let such a scale go
+    anywhere, and no size would be known. It is held where the null that `null_of` makes of the model has it,
+    which is where no other parameter needs to pass its bounds."""
+    tied: list[tuple[str, ...]] = []
+    while together := _changing_together(flat, experiments):
+        tied.append(together)
+        with suppress(*FAILURES):
+            fit = null_of(flat).fit
+            flat = flat.with_theta({together[0]: fit.theta[together[0]]})
+        flat = replace(
+            flat,
+            parameters=tuple(
+                replace(p, estimate=p.estimate and p.name != together[0]) for p in flat.parameters
+            ),
+        )
+    return flat, tuple(tied)
+
+
+def _changing_together(flat: FlatModel, experiments: Sequence[Experiment]) -> tuple[str, ...]:
+    """Estimated parameters that can change together without any effect on the outputs, at the given values
+    and beside them, where those of equal parts no longer do the same; none where there are none."""
+    if sum(p.estimate for p in flat.parameters) < 2 or not flat_direction(flat, experiments, FOH):
+        return ()
+    return flat_direction(moved_apart(flat), experiments, FOH)
 
 
 def _fitted(
@@ -194,7 +228,24 @@ def limit_told(stand: Stand, proof: Proof) -> str:
     return f"{output} stays at {limit:.6g} in {100.0 * share:.2g} % of the samples, where its noise ends"
 
 
-def beside_limits(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> Diagnosis:
+def told_whole(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> Diagnosis:
+    """The diagnosis with what was taken as given beside it: the `limits` of sensors, and parameters held."""
+    found = _beside_limits(found, stand, limits)
+    return replace(found, message=f"{found.message} {held_told(stand)}".rstrip())
+
+
+def held_told(stand: Stand) -> str:
+    """Which parameters were held since others do all that they do; empty where none was."""
+    values = {p.name: p.value for p in stand.declared.parameters}
+    told = "; ".join(
+        f"{', '.join(names)} can change together without any effect on the measured outputs: {names[0]} was "
+        f"held at {values[names[0]]:.4g}, and sizes may be in proportion to it (--fix one that is known)"
+        for names in stand.tied
+    )
+    return f"{told}." if told else ""
+
+
+def _beside_limits(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> Diagnosis:
     """The diagnosis of a model that was given the limits of its sensors, with these told."""
     if not limits:
         return found

@@ -12,14 +12,15 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.estimation.coordinates import log_likelihood
 from daest.estimation.ekf_likelihood import identify_by_ekf
-from daest.estimation.identify_nonlinear import identify_nonlinear
-from daest.estimation.linear_fit import linear_ends, needed_slopes
+from daest.estimation.identify_nonlinear import identify_nonlinear, nonlinear_start
+from daest.estimation.linear_fit import linear_ends, linear_start, needed_slopes
 from daest.estimation.profile import Tell, check_profile_names, silent
 from daest.estimation.result import fit_result
 from daest.estimation.setup import Setup, check_jumps, setup_of
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel, Model, events_refused
+from daest.model.holds import Hold
 from daest.model.linear import StateSpaceFamily
 from daest.systems.input_slopes import acting_slopes, slope_note
 from daest.systems.modes import in_starting_mode
@@ -29,6 +30,7 @@ from daest.systems.state_space import state_space_family
 
 LINEARISED = "the model is nonlinear: its linearisation was identified"
 NO_INFLUENCE = "identify-no-influence"
+UNIDENTIFIABLE = "identify-unidentifiable"
 WOKEN = "{} did nothing at the start values: the others were estimated first"
 ELIMINATED = "no multiple shooting: the initial states of a linear model are eliminated exactly"
 
@@ -62,6 +64,23 @@ def identify(
     notes = (*([] if family.is_affine else [LINEARISED]), *straight, *setup.notes)
     setup = replace(setup, notes=(*notes, *([ELIMINATED] if setup.options.shooting else [])))
     return fit_result(setup, linear_ends(family, setup, tell), tell, began)
+
+
+def flat_direction(
+    model: FlatModel, experiments: Sequence[Experiment], hold: Hold | None = None
+) -> tuple[str, ...]:
+    """Estimated parameters that can change together at the values of the model without any effect on the
+    outputs; none where there are none, or where nothing can be simulated."""
+    try:
+        family = state_space_family(model)
+        setup = setup_of(family, experiments, (), IdentifyOptions(method="oe", hold=hold))
+        if family.is_affine:
+            linear_start(family, setup)
+        else:
+            nonlinear_start(good_everywhere(dynamics(model)), setup)
+    except EstimationError as error:
+        return tuple(str(error.where).split(", ")) if error.code == UNIDENTIFIABLE else ()
+    return ()
 
 
 def searched(

@@ -62,9 +62,9 @@ LOWEST_DECADE = -10  # bound of the search: less noise than that is none
 LONGEST_GROWTH = 1000  # periods over which process noise is let grow to see what it does to the outputs
 
 
-def linear_ends(family: StateSpaceFamily, setup: Setup, tell: Tell) -> LinearEnds:
-    """The ends of the searches for the parameters of a linear model. Raises EstimationError
-    `identify-no-start`, `identify-no-influence` and `identify-unidentifiable`."""
+def linear_start(family: StateSpaceFamily, setup: Setup) -> tuple[Setup, Problem]:
+    """The setup in scales of the data, and the simulation that a search begins with; raises as
+    `linear_ends`."""
     records = tuple(make_record(e, family) for e in setup.experiments)
     has_direct_noise = bool(np.any(state_space(family, setup.unknowns.theta).H != 0.0))
     sampled: Literal["white", "held"] = "held" if has_direct_noise else "white"
@@ -75,6 +75,13 @@ def linear_ends(family: StateSpaceFamily, setup: Setup, tell: Tell) -> LinearEnd
     hold = _chosen_hold(simulation, setup.experiments, setup.options.hold)
     simulation = _with_hold(simulation, setup.experiments, hold)
     _check_start(setup, simulation)
+    return setup, simulation
+
+
+def linear_ends(family: StateSpaceFamily, setup: Setup, tell: Tell) -> LinearEnds:
+    """The ends of the searches for the parameters of a linear model. Raises EstimationError
+    `identify-no-start`, `identify-no-influence` and `identify-unidentifiable`."""
+    setup, simulation = linear_start(family, setup)
     problem, found = _search(setup, simulation, tell)
     return LinearEnds(setup, problem, found)
 
