@@ -384,3 +384,15 @@ def test_servo_has_four_dynamic_modes(name: str) -> None:
     found = finite_modes(flat)
     assert found.shape == (4,)
     np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-7)
+
+
+@pytest.mark.parametrize("s", FREQUENCIES)
+def test_moved_ends_carry_what_hangs_on_them(s: complex) -> None:
+    found = response(flat_of("Shaken"), s)
+    w = 2.0 * np.pi * 0.4
+    bessel = 1.0 / (1.0 + 1.3617 * s / w + 0.618 * (s / w) ** 2)
+    assert found["z", "s"] == pytest.approx((7 + 0.6 * s) / (1.5 * s**2 + 0.6 * s + 7), rel=1e-9)
+    assert found["angle", "phi"] == pytest.approx(
+        bessel * (3 + 0.2 * s) / (0.8 * s**2 + 0.2 * s + 3), rel=1e-9
+    )
+    assert found["z", "phi"] == found["angle", "s"] == 0.0
