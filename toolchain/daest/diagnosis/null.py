@@ -79,6 +79,14 @@ class Null:
         return np.array([found.get(o.name, 1.0) for o in self.flat.outputs])
 
     @property
+    def starting_std(self) -> np.ndarray:
+        """That noise (n_y,), from which the search of a similar model begins: no less than a share of what
+        the output does. A load that reaches an output at once may have taken all of its noise, and no search
+        comes back from none when the load is gone."""
+        whole = np.vstack([e.outputs for e in self.experiments])
+        return np.maximum(self.measurement_std, GATES.least_noise * np.nan_to_num(np.nanstd(whole, axis=0)))
+
+    @property
     def initial_states(self) -> tuple[dict[str, float], ...]:
         """Of every experiment, by state name."""
         return tuple(
@@ -498,7 +506,7 @@ def refitted(
         options,
         WarmStart(
             intensity,
-            null.measurement_std,
+            null.starting_std,
             null.initial_states,
             at_rest=tuple(load.name for load in null.loads),
             hopeless=hopeless,

@@ -21,7 +21,8 @@ def could_compete(trial: Trial, best: Proof | None, screen: Screen) -> bool:
     """Whether a candidate may come near the best accepted one, to judge by their scores.
 
     Where the best leaves nothing, its response is all that is missing, and a candidate whose response has the
-    correlation ρ with it gains about ρ² of what it gains.
+    correlation ρ with it gains about ρ² of what it gains. Where it leaves a part of the load, one whose
+    places, such as those of stops, the screen has only tried on a grid may say more than it does there.
     """
     if best is None or best.left is None or is_significant(best.left, best.delta_log_likelihood):
         return True
@@ -31,6 +32,9 @@ def could_compete(trial: Trial, best: Proof | None, screen: Screen) -> bool:
     if not {best.candidate.name, trial.candidate.name} <= set(names):
         return True
     correlation = screen.correlation[names.index(best.candidate.name), names.index(trial.candidate.name)]
+    is_shaped = any(p.estimate and p.role == "shape" for p in trial.candidate.effect.parameters)
+    if is_shaped and best.explained < GATES.all_explained and correlation**2 >= GATES.min_alike_response:
+        return True
     return bool((1.0 - correlation**2) * best.delta_log_likelihood < GATES.hopeless_log_likelihood)
 
 

@@ -125,7 +125,7 @@ class Stages:
                 self.lost.append(stage[i])
             else:
                 known[i] = outcomes[number].get()
-        self.lost.extend(stage[i] for i in sorted(known) if is_below_null(known[i]))
+        self.lost.extend(stage[i] for i in sorted(known) if _has_fallen_short(stage[i], known[i]))
         others = [outcomes[i].get() if i in outcomes else None for i in range(len(missing), len(tasks))]
         return [known[i] for i in sorted(known)], others
 
@@ -336,6 +336,13 @@ def _length(prepared: Prepared) -> int:
 def in_time(fits: Sequence[DynamicFits | None]) -> list[DynamicFits]:
     """The fits for which the time sufficed."""
     return [part for part in fits if part is not None]
+
+
+def _has_fallen_short(prepared: Prepared, proof: Proof) -> bool:
+    """Whether all searches for a law have ended below the null, which it contains, or far below what it does
+    already near the null, by the screen."""
+    promised = GATES.min_kept_promise * prepared.trial.promised
+    return is_below_null(proof) or proof.delta_log_likelihood < promised
 
 
 def _is_same_law(one: Proof, other: Proof) -> bool:

@@ -29,12 +29,14 @@ SHARPER = 0.3  # the proof rounds kinks over this part of what the screen rounds
 @dataclass(frozen=True)
 class Trial:
     """A candidate, its sizes by the screen, and the places where these sensors would see it alike. One that
-    leads the screen in open loop (`is_seen_in_use`) may show itself there alone."""
+    leads the screen in open loop (`is_seen_in_use`) may show itself there alone. `promised` is the gain in
+    log-likelihood that the screen foresees at its size."""
 
     candidate: Candidate
     sizes: tuple[float, ...]
     alike: tuple[Candidate, ...]
     is_seen_in_use: bool = False
+    promised: float = 0.0
 
 
 def trials(screen: Screen, level: float, most: int) -> tuple[Trial, ...]:
@@ -64,7 +66,8 @@ def trials(screen: Screen, level: float, most: int) -> tuple[Trial, ...]:
         first = min(group, key=lambda e: _position(e.candidate))
         places.setdefault(entry.candidate.site.name, entry.candidate)
         places.pop(first.candidate.site.name, None)
-        chosen.append(Trial(first.candidate, first.sizes, tuple(places.values())))
+        promised = 0.5 * entry.score**2
+        chosen.append(Trial(first.candidate, first.sizes, tuple(places.values()), promised=promised))
     return tuple(chosen)
 
 
