@@ -241,7 +241,7 @@ def _uncertain(found: FitResult, beside: FitResult, run: NullObserver) -> tuple[
     """The parameters with standard errors that hold for innovations that are not white (sandwich, over
     batches of the record), and that include the choice between this estimate and the one `beside` the
     coloured load."""
-    cov = _sandwich(run, len(found.parameters))
+    cov = _sandwich(run, found.parameters)
     result = []
     for i, parameter in enumerate(found.parameters):
         if parameter.std_error is None:
@@ -253,11 +253,14 @@ def _uncertain(found: FitResult, beside: FitResult, run: NullObserver) -> tuple[
     return tuple(result)
 
 
-def _sandwich(run: NullObserver, n_parameters: int) -> np.ndarray:
+def _sandwich(run: NullObserver, parameters: Sequence[FittedParameter]) -> np.ndarray:
     """Covariance (p, p) of the parameters from the scores of batches of the record; NaN where there are too
-    few batches."""
+    few batches. What is known of them beforehand counts as information: without it, a direction in which no
+    output changes would have rounding for its variance."""
+    n_parameters = len(parameters)
     directions = nuisance(run, n_parameters)
     information = directions @ directions.T
+    information[np.diag_indices(n_parameters)] += [_prior_precision(p) for p in parameters]
     inverse = np.linalg.pinv(information, hermitian=True)
     totals, first = [], 0
     samples = sum(o.whitened.shape[0] for o in run.observed)
@@ -274,3 +277,12 @@ def _sandwich(run: NullObserver, n_parameters: int) -> np.ndarray:
     scores = np.array(totals)
     whole = inverse @ (scores.T @ scores) @ inverse
     return whole[:n_parameters, :n_parameters]
+
+
+def _prior_precision(parameter: FittedParameter) -> float:
+    """Of what is known of a parameter beforehand, at its value: 1/unit²; 0 where nothing is."""
+    prior = parameter.prior
+    if prior is None:
+        return 0.0
+    is_scale = prior.mean > 0.0 < parameter.value and parameter.min is not None and parameter.min >= 0.0
+    return (prior.std * (parameter.value / prior.mean if is_scale else 1.0)) ** -2

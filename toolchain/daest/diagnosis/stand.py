@@ -23,7 +23,7 @@ from daest.diagnosis.proof import Reference, bic_gain
 from daest.diagnosis.settled import FAILURES, settled, simulated
 from daest.diagnosis.unseen import adds_up, foreseen
 from daest.errors import EstimationError
-from daest.estimation.identify import flat_direction, identify
+from daest.estimation.identify import identify, tied_parameters
 from daest.estimation.records import part_of
 from daest.estimation.setup import is_constant
 from daest.model.diagnosis import Diagnosis, Proof, VerdictName
@@ -32,6 +32,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel
 from daest.model.holds import FOH, Hold
+from daest.model.parts import Parameter, Prior
 from daest.numerics.statistics import chi2
 
 
@@ -41,7 +42,7 @@ class Stand:
     effects that were accepted so far), the null's fit on the same terms as those of its rivals (`baseline`),
     the one without coloured loads (`reference`), and the validation data, with those for the other hold where
     they differ. Of every set of parameters in `tied`, which can change together without any effect on the
-    outputs, the first is held."""
+    outputs, the first is kept near its given value."""
 
     declared: FlatModel
     null: Null
@@ -83,7 +84,7 @@ def begin(
         return unseen(null.recorded_hold)
 
     def fitted() -> Stand:
-        free, tied = _scaled(without_noises(flat), null_of, both[0])
+        free, tied = _scaled(without_noises(flat), both[0])
         null, baseline, reference = _fitted(free, null_of, unseen_by)
         other = unseen(null.other_hold) if held is not None and null.other_hold else None
         declared = replace(flat, parameters=free.parameters)
@@ -94,33 +95,36 @@ def begin(
 
 
 def _scaled(
-    flat: FlatModel, null_of: Callable[[FlatModel], Null], experiments: Sequence[Experiment]
+    flat: FlatModel, experiments: Sequence[Experiment]
 ) -> tuple[FlatModel, tuple[tuple[str, ...], ...]]:
-    """The model with one parameter held of each set of them that can change together without any effect on
-    the outputs, and these sets: a torque constant with all torques, say. Loads would let such a scale go
-    anywhere, and no size would be known. It is held where the null that `null_of` makes of the model has it,
-    which is where no other parameter needs to pass its bounds."""
+    """The model with one parameter kept near its given value of each set of them that can change together
+    without any effect on the outputs, and these sets: a torque constant with all torques, say. Loads would
+    let such a scale go anywhere, and no size would be known. It is not fixed, since the others might then
+    have to pass their bounds."""
     tied: list[tuple[str, ...]] = []
     while together := _changing_together(flat, experiments):
+        if together in tied:
+            break
         tied.append(together)
-        with suppress(*FAILURES):
-            fit = null_of(flat).fit
-            flat = flat.with_theta({together[0]: fit.theta[together[0]]})
         flat = replace(
-            flat,
-            parameters=tuple(
-                replace(p, estimate=p.estimate and p.name != together[0]) for p in flat.parameters
-            ),
+            flat, parameters=tuple(_kept(p) if p.name == together[0] else p for p in flat.parameters)
         )
     return flat, tuple(tied)
+
+
+def _kept(parameter: Parameter) -> Parameter:
+    """The parameter near its value, or held where that is zero and tells no scale."""
+    if not parameter.value:
+        return replace(parameter, estimate=False)
+    return replace(parameter, prior=Prior(parameter.value, GATES.tied_spread * abs(parameter.value)))
 
 
 def _changing_together(flat: FlatModel, experiments: Sequence[Experiment]) -> tuple[str, ...]:
     """Estimated parameters that can change together without any effect on the outputs, at the given values
     and beside them, where those of equal parts no longer do the same; none where there are none."""
-    if sum(p.estimate for p in flat.parameters) < 2 or not flat_direction(flat, experiments, FOH):
+    if sum(p.estimate for p in flat.parameters) < 2 or not tied_parameters(flat, experiments, FOH):
         return ()
-    return flat_direction(moved_apart(flat), experiments, FOH)
+    return tied_parameters(moved_apart(flat), experiments, FOH)
 
 
 def _fitted(
@@ -229,17 +233,19 @@ def limit_told(stand: Stand, proof: Proof) -> str:
 
 
 def told_whole(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> Diagnosis:
-    """The diagnosis with what was taken as given beside it: the `limits` of sensors, and parameters held."""
+    """The diagnosis with what was taken as given beside it: the `limits` of sensors, and parameters that were
+    kept near their values."""
     found = _beside_limits(found, stand, limits)
-    return replace(found, message=f"{found.message} {held_told(stand)}".rstrip())
+    return replace(found, message=f"{found.message} {kept_told(stand)}".rstrip())
 
 
-def held_told(stand: Stand) -> str:
-    """Which parameters were held since others do all that they do; empty where none was."""
+def kept_told(stand: Stand) -> str:
+    """Which parameters were kept near their values, since others do all that they do; empty where none
+    was."""
     values = {p.name: p.value for p in stand.declared.parameters}
     told = "; ".join(
         f"{', '.join(names)} can change together without any effect on the measured outputs: {names[0]} was "
-        f"held at {values[names[0]]:.4g}, and sizes may be in proportion to it (--fix one that is known)"
+        f"kept near {values[names[0]]:.4g}, and sizes may be in proportion to it (--fix one that is known)"
         for names in stand.tied
     )
     return f"{told}." if told else ""

@@ -14,9 +14,10 @@ from daest.estimation.coordinates import log_likelihood
 from daest.estimation.ekf_likelihood import identify_by_ekf
 from daest.estimation.identify_nonlinear import identify_nonlinear, nonlinear_start
 from daest.estimation.linear_fit import linear_ends, linear_start, needed_slopes
+from daest.estimation.nonlinear_start import whole_and_piece
 from daest.estimation.profile import Tell, check_profile_names, silent
 from daest.estimation.result import fit_result
-from daest.estimation.setup import Setup, check_jumps, setup_of
+from daest.estimation.setup import Setup, changing_together, check_jumps, setup_of
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel, Model, events_refused
@@ -30,7 +31,6 @@ from daest.systems.state_space import state_space_family
 
 LINEARISED = "the model is nonlinear: its linearisation was identified"
 NO_INFLUENCE = "identify-no-influence"
-UNIDENTIFIABLE = "identify-unidentifiable"
 WOKEN = "{} did nothing at the start values: the others were estimated first"
 ELIMINATED = "no multiple shooting: the initial states of a linear model are eliminated exactly"
 
@@ -66,21 +66,30 @@ def identify(
     return fit_result(setup, linear_ends(family, setup, tell), tell, began)
 
 
-def flat_direction(
+def tied_parameters(
     model: FlatModel, experiments: Sequence[Experiment], hold: Hold | None = None
 ) -> tuple[str, ...]:
     """Estimated parameters that can change together at the values of the model without any effect on the
-    outputs; none where there are none, or where nothing can be simulated."""
+    outputs, that first which the data would know best if the others were known; none where there are none,
+    or where nothing can be simulated."""
+    piece = None
     try:
         family = state_space_family(model)
         setup = setup_of(family, experiments, (), IdentifyOptions(method="oe", hold=hold))
         if family.is_affine:
-            linear_start(family, setup)
+            setup, _, start = linear_start(family, setup)
         else:
-            nonlinear_start(good_everywhere(dynamics(model)), setup)
-    except EstimationError as error:
-        return tuple(str(error.where).split(", ")) if error.code == UNIDENTIFIABLE else ()
-    return ()
+            setup, problem, z = nonlinear_start(good_everywhere(dynamics(model)), setup)
+            start, piece = whole_and_piece(problem, z)
+    except EstimationError:
+        return ()
+    if start is None:
+        return ()
+    weights = dict(
+        zip((c.name for c in setup.unknowns.coordinates), np.diagonal(start.information), strict=True)
+    )
+    together = changing_together(setup.unknowns, start, piece)
+    return tuple(sorted(together, key=lambda name: -weights[name]))
 
 
 def searched(

@@ -93,8 +93,7 @@ def identify_nonlinear(explicit: Dynamics, setup: Setup, tell: Tell = silent) ->
 
 
 def nonlinear_start(explicit: Dynamics, setup: Setup) -> tuple[Setup, TrajectoryProblem, np.ndarray]:
-    """The setup in scales of the data, and the simulation that a search begins with, at its start (n_z,).
-    Raises as `identify_nonlinear`."""
+    """The setup in scales of the data, and the simulation that a search begins with, at its start (n_z,)."""
     unscaled = _problem(explicit, setup)
 
     def at_start() -> Evaluation | None:
@@ -102,15 +101,14 @@ def nonlinear_start(explicit: Dynamics, setup: Setup) -> tuple[Setup, Trajectory
 
     setup = replace(setup, unknowns=rescaled(setup.unknowns, at_start, setup.n_observed))
     problem, z = started(replace(unscaled, unknowns=setup.unknowns))
-    problem, z = with_hold(problem, z, setup.options)
-    may_be_cut = setup.method == "oe" and setup.options.shooting != 1
-    check_nonlinear_start(problem, z, may_be_cut=may_be_cut)
-    return setup, problem, z
+    return setup, *with_hold(problem, z, setup.options)
 
 
 def nonlinear_ends(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> NonlinearEnds:
     """The ends of the searches of `identify_nonlinear`, which raises the same."""
     setup, problem, z = nonlinear_start(explicit, setup)
+    may_be_cut = setup.method == "oe" and setup.options.shooting != 1
+    check_nonlinear_start(problem, z, may_be_cut=may_be_cut)
     ends = best_ends(setup, problem, z, tell)
     best = ends[0]
     if setup.options.max_iterations and best.cut is None and is_coloured(best.problem, best.found):

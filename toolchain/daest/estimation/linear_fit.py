@@ -62,9 +62,9 @@ LOWEST_DECADE = -10  # bound of the search: less noise than that is none
 LONGEST_GROWTH = 1000  # periods over which process noise is let grow to see what it does to the outputs
 
 
-def linear_start(family: StateSpaceFamily, setup: Setup) -> tuple[Setup, Problem]:
-    """The setup in scales of the data, and the simulation that a search begins with; raises as
-    `linear_ends`."""
+def linear_start(family: StateSpaceFamily, setup: Setup) -> tuple[Setup, Problem, Evaluation | None]:
+    """The setup in scales of the data, the simulation that a search begins with, and what it says at its
+    start; None where it says nothing."""
     records = tuple(make_record(e, family) for e in setup.experiments)
     has_direct_noise = bool(np.any(state_space(family, setup.unknowns.theta).H != 0.0))
     sampled: Literal["white", "held"] = "held" if has_direct_noise else "white"
@@ -74,14 +74,14 @@ def linear_start(family: StateSpaceFamily, setup: Setup) -> tuple[Setup, Problem
     simulation = replace(simulation, unknowns=setup.unknowns)
     hold = _chosen_hold(simulation, setup.experiments, setup.options.hold)
     simulation = _with_hold(simulation, setup.experiments, hold)
-    _check_start(setup, simulation)
-    return setup, simulation
+    return setup, simulation, _at_start(setup, simulation)
 
 
 def linear_ends(family: StateSpaceFamily, setup: Setup, tell: Tell) -> LinearEnds:
     """The ends of the searches for the parameters of a linear model. Raises EstimationError
     `identify-no-start`, `identify-no-influence` and `identify-unidentifiable`."""
-    setup, simulation = linear_start(family, setup)
+    setup, simulation, start = linear_start(family, setup)
+    check_start(simulation.unknowns, start, setup.n_observed)
     problem, found = _search(setup, simulation, tell)
     return LinearEnds(setup, problem, found)
 
@@ -199,7 +199,7 @@ def _head(record: Record, n_samples: int) -> Record:
     )
 
 
-def _check_start(setup: Setup, problem: Problem) -> None:
+def _at_start(setup: Setup, problem: Problem) -> Evaluation | None:
     start: Evaluation | None = objective(problem)(problem.unknowns.start, True)
     if start is None and setup.method == "pem":
         noisy = _with_noise(setup, problem, problem.unknowns.start)
@@ -207,7 +207,7 @@ def _check_start(setup: Setup, problem: Problem) -> None:
         p = len(problem.unknowns.coordinates)
         if whole is not None:
             start = Evaluation(whole.value, whole.gradient[:p], whole.information[:p, :p])
-    check_start(problem.unknowns, start, setup.n_observed)
+    return start
 
 
 def _search(setup: Setup, simulation: Problem, tell: Tell) -> tuple[Problem, list[Found]]:

@@ -251,14 +251,23 @@ def check_nonlinear_start(problem: TrajectoryProblem, z: np.ndarray, may_be_cut:
     """Errors of `check_start`. An unstable simulation drowns every direction but one in its growth: a
     direction is flat only if a short piece agrees. Where the record may be cut, the piece is enough.
     Shapes: z (n_z,)."""
-    short = replace(problem, experiments=tuple(part_of(e, 0, SHORT_LENGTH) for e in problem.experiments))
     observed = n_observed(problem.experiments)
-    whole, piece = (_of_parameters(part, z) for part in (problem, short))
+    whole, piece = whole_and_piece(problem, z)
     if whole is None and may_be_cut:
-        whole, observed = piece, n_observed(short.experiments)
+        whole, observed = piece, n_observed(_piece_of(problem).experiments)
     if whole is None:
         raise no_start(_failure(problem, z))
     check_start(problem.unknowns, whole, observed, piece)
+
+
+def whole_and_piece(problem: TrajectoryProblem, z: np.ndarray) -> tuple[Evaluation | None, Evaluation | None]:
+    """What the whole records and short pieces of them say of the parameters at z (n_z,)."""
+    whole, piece = (_of_parameters(part, z) for part in (problem, _piece_of(problem)))
+    return whole, piece
+
+
+def _piece_of(problem: TrajectoryProblem) -> TrajectoryProblem:
+    return replace(problem, experiments=tuple(part_of(e, 0, SHORT_LENGTH) for e in problem.experiments))
 
 
 def _failure(problem: TrajectoryProblem, z: np.ndarray) -> str:

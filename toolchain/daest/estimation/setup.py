@@ -119,16 +119,27 @@ def check_start(
             remedy="fix it to a known value (--fix), measure an output that it moves, or start where it acts "
             "(--set)",
         )
-    flat = flat_directions(start.information)
-    if flat.shape[1] and (piece is None or flat_directions(piece.information).shape[1]):
-        direction = np.abs(flat[:, 0])
-        involved = [n for n, w in zip(names, direction, strict=True) if w > 1e-3 * np.max(direction)]
+    involved = changing_together(unknowns, start, piece)
+    if involved:
         raise EstimationError(
             "identify-unidentifiable",
             f"{', '.join(involved)} can change together without any effect on the measured outputs",
             where=", ".join(involved),
             remedy="fix one of them to a known value (--fix NAME=VALUE)",
         )
+
+
+def changing_together(
+    unknowns: Unknowns, start: Evaluation, piece: Evaluation | None = None
+) -> tuple[str, ...]:
+    """Unknowns that can change together without any effect on the outputs; none where there are none. A
+    `piece` of the same data must agree that a direction is flat."""
+    flat = flat_directions(start.information)
+    if not flat.shape[1] or (piece is not None and not flat_directions(piece.information).shape[1]):
+        return ()
+    direction = np.abs(flat[:, 0])
+    names = [c.name for c in unknowns.coordinates]
+    return tuple(n for n, w in zip(names, direction, strict=True) if w > 1e-3 * np.max(direction))
 
 
 def no_start(reason: str = "") -> EstimationError:
