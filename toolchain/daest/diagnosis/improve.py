@@ -22,7 +22,7 @@ from daest.diagnosis.held_back import lag_in_the_way, told_beside
 from daest.diagnosis.holds import AGAIN, BACK, IN_VAIN, better_hold, says_as_much, says_more, unsettled_hold
 from daest.diagnosis.null import known_values
 from daest.diagnosis.options import DiagnoseOptions, Progress
-from daest.diagnosis.rounds import accept, gains_beside, proved_again, proved_beside
+from daest.diagnosis.rounds import accept, gains_beside, proved_again, proved_beside, with_kinks
 from daest.diagnosis.screen import promising_pairs
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand, begin, kept_told, limit_told, limited
@@ -259,7 +259,11 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
             path = _with_best(task, path, diagnosis)
         return [_late(task, replace(path, last=diagnosis), "all candidates of a round were refitted")]
     if not accepted:
-        other = _exchanged(task, path, diagnosis) or _with_pair(task, path, diagnosis)
+        other = (
+            _with_rounder_kinks(task, path, diagnosis)
+            or _exchanged(task, path, diagnosis)
+            or _with_pair(task, path, diagnosis)
+        )
         if other is not None:
             return [other]
         return _beside_lag(task, path, diagnosis) or [path.ended(diagnosis, diagnosis.message)]
@@ -293,6 +297,25 @@ def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _
 def _remark(proof: Proof) -> str:
     others = ", ".join(proof.not_separable_from)
     return f"not separable from {others}" if others else "supported"
+
+
+def _with_rounder_kinks(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
+    """The path with the kinks of its effects as the recordings have them; None where something else is
+    missing, or nothing."""
+    last, proofs = path.steps[-1], [step.proof for step in path.steps if step.proof is not None]
+    if diagnosis.verdict == "nothing missing" or last.proof is None or task.options.is_over:
+        return None
+    try:
+        with until(task.options.until):
+            stand = with_kinks(path.stand, [proof.candidate for proof in proofs])
+    except (*FAILURES, OutOfTimeError):
+        return None
+    if stand is None:
+        return None
+    task.progress("refitted with the kinks of its effects")
+    proof = replace(last.proof, flat=stand.null.flat, fit=stand.baseline, final=stand.told)
+    step = replace(last, proof=proof, fit=stand.told, remark=f"{last.remark}; kinks refitted beside it")
+    return _Path(stand, (*path.steps[:-1], step))
 
 
 def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -22,7 +22,7 @@ from daest.diagnosis.search import Search
 from daest.diagnosis.stand import Stand, quiet, reference_of
 from daest.diagnosis.trials import Trial, prepare
 from daest.diagnosis.unseen import innovations
-from daest.model.diagnosis import Proof
+from daest.model.diagnosis import Candidate, Proof
 from daest.model.fit import error_ratios
 from daest.model.flat import with_equations
 from daest.numerics.parallel import called, workers
@@ -51,6 +51,29 @@ def accept(stand: Stand, proof: Proof, jobs: int = 1) -> Stand:
             reference = replace(reference, fit=proof.final)
     began = time.perf_counter()
     return Stand(stand.declared, model, baseline, validation, began, reference, tied=stand.tied)
+
+
+def with_kinks(stand: Stand, candidates: Sequence[Candidate]) -> Stand | None:
+    """The stand with the kinks of effects in its model as round as the recordings have them, where that is
+    worth their parameters; None where it is not, or they are so already. Beside an effect that was found
+    later, an earlier one shows its kink at last, and what is left at it would look like a further law."""
+    null = stand.null
+    names = [f"{c.name}.{p.name}" for c in candidates for p in c.effect.parameters if p.role == "sharpness"]
+    known = set(null.flat.parameter_names)
+    kinks = [name for name in names if name in known and name not in null.estimated]
+    if not kinks:
+        return None
+    with quiet():
+        explicit = replace(null.explicit, flat=null.flat)
+        fit = refit(null.flat, explicit, (*null.estimated, *kinks), null, validation=stand.validation)
+        if (
+            bic_gain(fit.log_likelihood - stand.baseline.log_likelihood, len(kinks), null)
+            < GATES.min_bic_gain
+        ):
+            return None
+        model = grown(null, null.flat, explicit, fit, null.experiments)
+        reference = reference_of(model, fit, stand.validation)
+    return replace(stand, null=model, baseline=fit, reference=reference, began=time.perf_counter())
 
 
 def proved_again(stand: Stand, proof: Proof, values: Mapping[str, float]) -> Proof:
