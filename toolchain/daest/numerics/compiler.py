@@ -269,7 +269,11 @@ def text_of(name: str, package: str = "daest.numerics") -> str:
 def pointer(array: np.ndarray | None) -> ctypes.c_void_p | None:
     """Address of a C-contiguous array for compiled code, null for None; the array lives as long as it. Any
     shape."""
-    return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
+    if array is None:
+        return None
+    address = ctypes.c_void_p(array.ctypes.data)
+    address.array = array  # type: ignore[attr-defined]  # as `data_as` does, in twice the time
+    return address
 
 
 def effort(source: str, wanted: str) -> str:
