@@ -30,7 +30,7 @@ if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == signal.SIG_I
 # Tests of processes ask for them; in the others they would only have to start.
 os.environ["DAEST_JOBS"] = "1"
 # Hundreds of small models run for milliseconds: compiling them takes longer.
-os.environ.setdefault("DAEST_COMPILER_EFFORT", "O1")
+os.environ.setdefault("DAEST_COMPILER_EFFORT", "Og")
 
 # The tests start some hundred processes. Where Python may not leave compiled modules beside their sources,
 # each of them, and each worker of xdist, would compile all anew: it finds them in the cache instead.

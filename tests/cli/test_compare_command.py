@@ -60,6 +60,7 @@ def test_bootstrap_refuses_an_unknown_noise(models, daest):
     assert status == 2 and not out and "error[compare-bootstrap-noise]" in err and "y" in err
 
 
+@pytest.mark.slow
 def test_unused_column_can_tell_where_the_error_is(models, daest):
     """While a door is open the gain is 1.4 times larger."""
     n = 2000

@@ -187,6 +187,7 @@ def test_nonlinear_models_are_predicted_tested_and_ranked(tmp_path):
     assert trials[0].growth[-1].rms["y"] > 1.5 * trials[1].growth[-1].rms["y"]
 
 
+@pytest.mark.slow
 def test_uncertain_parameters_of_a_nonlinear_model_widen_its_tests(tmp_path):
     """What a parameter that is hardly known does to the errors is no fault of the model."""
     true = hardening(tmp_path, 8.0)

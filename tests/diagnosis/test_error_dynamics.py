@@ -94,7 +94,7 @@ def test_response_of_a_rubbing_model_is_the_difference_of_two_runs(sharpness):
     assert average > 5.0 * along and average > 0.05
 
 
-@pytest.mark.parametrize("hidden", [{}, {"coulomb": lambda phi: 0.15}])
+@pytest.mark.parametrize("hidden", [pytest.param({}, marks=pytest.mark.slow), {"coulomb": lambda phi: 0.15}])
 def test_outputs_show_the_errors_of_the_states(hidden):
     flat = rubbing(0.2) if hidden else model()
     null, run = null_of(flat, rotor_record(400, seed=3, **hidden)[0])
@@ -106,6 +106,7 @@ def test_outputs_show_the_errors_of_the_states(hidden):
     assert np.allclose(dynamics.errors(drive, direct), shown + direct)
 
 
+@pytest.mark.slow
 def test_error_at_the_start_goes_on_as_one_that_a_drive_has_left():
     null, run = null_of(model(), rotor_record(400, seed=3)[0])
     dynamics, n, m = run.dynamics[0], len(run.state_names), null.experiments[0].n_samples

@@ -74,7 +74,12 @@ def rounds(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "end, more", [("nothing missing", []), ("unknown effect", [["QuadraticDrag"]])], ids=("done", "dead end")
+    "end, more",
+    [
+        pytest.param("nothing missing", [], marks=pytest.mark.slow),
+        ("unknown effect", [["QuadraticDrag"]]),
+    ],
+    ids=("done", "dead end"),
 )
 def test_both_of_two_effects_that_are_not_separable_are_pursued(rounds, end, more):
     drag, friction = (

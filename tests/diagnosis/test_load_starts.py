@@ -71,6 +71,7 @@ def test_a_load_that_begins_with_the_recording_is_no_silence(tmp_path: Path) -> 
     assert "begins with the recording" in found.message
 
 
+@pytest.mark.slow  # nothing missing: test_diagnose.py
 def test_one_step_of_a_heater_without_lag(tmp_path: Path) -> None:
     assert _diagnosed(tmp_path, _warmed(0.0, [2.0])).verdict == "nothing missing"
 

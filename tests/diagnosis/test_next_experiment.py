@@ -42,6 +42,7 @@ def asked(proofs, low=0.6, hold="zoh"):
     return Asked(proofs, (run,), hold)
 
 
+@pytest.mark.slow
 def test_curves_of_recordings_are_not_asked_of_what_is_played(rotor):
     left = [
         proof(rotor, "CoulombFriction", "rotor.flange_a", tau_c=0.2),

@@ -184,6 +184,7 @@ def rubbing_by_steps():
     return record, begin(model(), [record], (), DiagnoseOptions(hold="foh", jobs=1))
 
 
+@pytest.mark.slow
 def test_other_hold_is_taken_once_the_effect_shows_it():
     _, stand = rubbing_by_steps()
     wrong = replace(stand, null=replace(stand.null, other_hold="zoh"))

@@ -178,6 +178,7 @@ def best_lags(null, lags):
     return best_dynamic(null, [dynamic_fits(null, pairs(lags, sites(null.flat)), best_simulation(null))])
 
 
+@pytest.mark.slow
 def test_dynamic_effect_in_a_circuit_with_lost_power():
     """Nonlinear only in a variable that no state reads."""
     flat = compile_model(

@@ -106,6 +106,7 @@ def test_gain_of_a_sensor_is_not_found_where_it_is_right():
     assert np.max(scores) < 3.5
 
 
+@pytest.mark.slow  # test_absorbed.py
 def test_viscous_friction_is_absorbed_by_the_parameter():
     null, run = quiet()
     found = screen(null, run, candidates("ViscousFriction"))

@@ -354,6 +354,7 @@ def test_noise_free_data_give_the_exact_parameters():
         assert p.value == pytest.approx(TRUE[p.name], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_starts_that_agree_end_the_search_for_a_better_optimum():
     result = identify(rig(), [with_slow_noise()], IdentifyOptions(method="oe", hold="foh"))
     assert any("not white" in note for note in result.notes)

@@ -124,6 +124,7 @@ def test_prediction_error_finds_friction_and_noises_with_process_noise():
     assert fit.one_step["estimation"].rms["angle"] < fit.simulated["estimation"].rms["angle"]
 
 
+@pytest.mark.slow
 def test_prediction_error_is_the_better_estimate_with_process_noise():
     """Likelihoods of the same data: the simulation does not know the noise of the process."""
     assert noisy_fit("pem").log_likelihood > noisy_fit("oe").log_likelihood + 100.0

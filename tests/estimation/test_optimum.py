@@ -140,7 +140,8 @@ def test_only_doubt_leads_to_another_start():
     assert both.z == pytest.approx(one.z, abs=1e-3)
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 6))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 6])
 def test_process_noise_leads_no_fit_astray(oracles, seed):
     """Output error ends thousands of times off here: the likelihood search has to look elsewhere."""
     coverage, _, exact, _ = oracles

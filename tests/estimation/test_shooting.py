@@ -153,6 +153,7 @@ def test_a_search_that_loses_a_parameter_finds_it_again(start, shooting):
         assert found.theta[name] == pytest.approx(true, rel=0.1)
 
 
+@pytest.mark.slow
 def test_two_records_are_cut_apart():
     explicit, first = turning(0, 400)
     _, second = turning(1, 320)

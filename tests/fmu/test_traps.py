@@ -139,7 +139,7 @@ def test_binary_that_wears_out_goes_on_in_a_new_process(tmp_path):
     assert caught.value.code == "fmu-crashed"
 
 
-@pytest.mark.parametrize("told", ["", 'start="4"'])
+@pytest.mark.parametrize("told", [pytest.param("", marks=pytest.mark.slow), 'start="4"'])
 def test_operating_point_is_the_start_of_the_fmu_and_not_of_its_description(tmp_path, told):
     """The level starts at 1, whatever the description says; at 0, without a word, there is no slope."""
     path = tank(tmp_path)

@@ -37,7 +37,7 @@ def drawn(n, n_y, n_w, n_modes, seed=0):
         (11, 3, 2, 1),
         (19, 1, 2, 3),
         (37, 3, 2, 1),
-        (203, 2, 2, 1),
+        pytest.param(203, 2, 2, 1, marks=pytest.mark.slow),
     ],
 )
 def test_compiled_steps_are_those_of_numpy(monkeypatch, n, n_y, n_w, columns):

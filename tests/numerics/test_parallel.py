@@ -218,7 +218,10 @@ def test_cluster_without_workers(monkeypatch):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
-@pytest.mark.parametrize(("name", "by_copies"), [("SIGKILL", False), ("SIGTERM", False), ("SIGTERM", True)])
+@pytest.mark.parametrize(
+    ("name", "by_copies"),
+    [("SIGKILL", False), pytest.param("SIGTERM", False, marks=pytest.mark.slow), ("SIGTERM", True)],
+)
 def test_processes_end_with_the_one_that_started_them(tmp_path, name, by_copies):
     """A run that is ended leaves no worker behind, and no compiler with its files."""
     (tmp_path / "slow").write_text("#!/bin/sh\nmktemp; echo $$ > pid; sleep 60\n")

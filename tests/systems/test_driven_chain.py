@@ -72,7 +72,7 @@ def test_no_chain_that_is_driven_by_states_or_seen_as_two_signals():
     assert twice is None or twice.members.size == 10
 
 
-@pytest.mark.parametrize("name", ["Base", "Accelerated"])
+@pytest.mark.parametrize("name", [pytest.param("Base", marks=pytest.mark.slow), "Accelerated"])
 def test_states_and_outputs_are_those_of_scipy(name):
     explicit, (time, u) = cart(name), recording(20)
     theta, x0 = explicit.flat.theta_values, start(explicit, u)
@@ -87,7 +87,10 @@ def test_states_and_outputs_are_those_of_scipy(name):
     assert np.all(np.abs(made.outputs - np.array(shown)[..., 0]) < 1e-5 * reached)
 
 
-@pytest.mark.parametrize(("hold", "T"), [("zoh", 0.013), ("foh", 0.002), ("smooth", 0.09), ("zoh", 0.09)])
+@pytest.mark.parametrize(
+    ("hold", "T"),
+    [("zoh", 0.013), ("foh", 0.002), ("smooth", 0.09), pytest.param("zoh", 0.09, marks=pytest.mark.slow)],
+)
 def test_sensitivities_are_those_of_all_states_together(hold, T):
     explicit, (time, u) = cart("Accelerated"), recording()
     theta, x0 = explicit.flat.theta_values.copy(), start(explicit, u)

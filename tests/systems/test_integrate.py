@@ -117,7 +117,9 @@ ENGINES = {
 }
 
 
-@pytest.mark.parametrize("name", ENGINES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name == "one of six" else ()) for name in ENGINES]
+)
 def test_sensitivities_of_outputs_are_finite_differences(name):
     explicit = ENGINES[name]()
     time, u = recording()

@@ -74,7 +74,7 @@ def recording(cubic=0.0, noise=(2e-5, 5e-3)):
     return Experiment("run", time, ground(time)[:, None], y, ("z",), ("e_seen", "a"))
 
 
-@pytest.mark.parametrize("cubic", [0.0, 4e4])
+@pytest.mark.parametrize("cubic", [pytest.param(0.0, marks=pytest.mark.slow), 4e4])
 def test_simulation_is_that_of_scipy_where_straight_lines_are_not(cubic):
     time, truth = PERIOD * np.arange(N), by_scipy(cubic)
     size, x0 = np.std(truth, axis=0), {"s": 0.0, "v": 0.0}
@@ -88,7 +88,7 @@ def test_simulation_is_that_of_scipy_where_straight_lines_are_not(cubic):
     assert error["foh"][1] > 0.03
 
 
-@pytest.mark.parametrize("cubic", [0.0, 4e4])
+@pytest.mark.parametrize("cubic", [pytest.param(0.0, marks=pytest.mark.slow), 4e4])
 def test_identification_takes_smooth_inputs_and_finds_the_truth(cubic):
     flat = body(cubic, start={"c": 200.0, "d": 5.0})
     names = ("c", "d")

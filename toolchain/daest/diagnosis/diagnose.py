@@ -14,8 +14,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
-
 from daest.diagnosis.black_box import diagnose_black_box
 from daest.diagnosis.chosen import chosen_candidates
 from daest.diagnosis.examine import examine
@@ -41,9 +39,10 @@ from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel, Model, with_equations
 from daest.model.holds import Hold, hold_text
 from daest.modelica.sites import sites
+from daest.numerics.threads import one_thread
 
 
-@threadpool_limits.wrap(limits=1)  # many small matrices: a second thread only waits
+@one_thread()  # many small matrices: a second thread only waits
 def diagnose(
     flat: Model,
     library: Sequence[Effect],

@@ -12,7 +12,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.diagnosis.candidates import fed
 from daest.diagnosis.diagnose import switching_case
@@ -39,6 +38,7 @@ from daest.model.fit import FitResult, error_ratios
 from daest.model.flat import FlatModel, with_equations
 from daest.model.holds import Hold, hold_text
 from daest.numerics.deadline import OutOfTimeError, until
+from daest.numerics.threads import one_thread
 
 MOST_PATHS = 2  # hypotheses that are pursued side by side
 MOST_TAKEN_UP = 2  # of those that were put aside, after an end with something missing
@@ -88,7 +88,7 @@ class _Task:
     progress: Progress
 
 
-@threadpool_limits.wrap(limits=1)  # many small matrices: a second thread only waits
+@one_thread()  # many small matrices: a second thread only waits
 def improve(
     flat: FlatModel,
     library: Sequence[Effect],

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from daest.numerics.compiler import loaded, pointer, processor_flags, text_of
+from daest.numerics.compiler import effort, loaded, pointer, processor_flags, text_of
 from daest.numerics.recursions import linear_recursion
 
 # A compiled step with these numbers of states has loops of constant length: the common small models.
@@ -292,12 +292,13 @@ class _Settling:
 def _library(n: int) -> ctypes.CDLL | None:
     """The compiled steps; None without a C compiler."""
     # As fast as -O3, since loops over tiles are written out, and compiled in a third of its time.
+    source = text_of("kalman.c")
     flags = (
-        "-O2",
+        effort(source, "-O2"),
         *processor_flags(widest=n >= WIDEST_FROM),
         *((f"-DCONSTANT={n}",) if n in CONSTANT else ()),
     )
-    library = loaded(text_of("kalman.c"), "kalman", flags)
+    library = loaded(source, "kalman", flags)
     if library is not None:
         library.daest_kalman.restype = ctypes.c_long
         library.daest_constant.restype = None

@@ -37,7 +37,6 @@ from threading import Lock
 from typing import Any, Generic, Protocol, TypeVar
 
 import casadi as ca
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 import daest
 from daest.errors import ConfigError, DaestError
@@ -45,6 +44,7 @@ from daest.files import die_with_parent
 from daest.machine import version
 from daest.numerics import deadline
 from daest.numerics.compiler import find_compiler
+from daest.numerics.threads import one_thread
 
 START_SECONDS = 3.0  # until new processes work: tasks that would gain less run one after the other
 COPY_SECONDS = 0.2  # until copies of this process work
@@ -158,7 +158,7 @@ def stop() -> None:
 
 def outcome_of(work: Callable[[Task], Result], task: Task) -> Outcome[Result]:
     try:
-        with threadpool_limits(1):
+        with one_thread():
             return Outcome(value=work(task))
     except DaestError as error:
         return Outcome(error=error)

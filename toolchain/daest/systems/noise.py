@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.errors import ConfigError
 from daest.model.linear import LinearDAE, RankDecision, SparseForm, StandardForm
@@ -20,6 +19,7 @@ from daest.model.noise import NoisePlace, NoiseReport
 from daest.near import near_names
 from daest.numerics.pencils import unit_scaling
 from daest.numerics.ranks import decide_rank, default_tolerance
+from daest.numerics.threads import one_thread
 from daest.systems.exact_structure import generic_structure
 from daest.systems.generic_verdict import compared
 from daest.systems.nilpotent import nilpotent_part
@@ -37,7 +37,7 @@ ADMISSIBLE = -2
 """In place of a group of equations: equations that reach nothing differentiated."""
 
 
-@threadpool_limits.wrap(limits=1)  # many small solutions: a second thread only waits
+@one_thread()  # many small solutions: a second thread only waits
 def noise_report(
     dae: LinearDAE,
     form: StandardForm | SparseForm | None = None,

@@ -11,7 +11,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from daest.errors import DaestError, ModelError, NumericalError
 from daest.model.experiment import Experiment, Simulation
@@ -23,6 +22,7 @@ from daest.numerics.exponential import covariance_integral, transition_integrals
 from daest.numerics.projection import pull
 from daest.numerics.quiet import native_silence
 from daest.numerics.recursions import linear_recursion
+from daest.numerics.threads import one_thread
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import Mode, settled_start
 from daest.systems.expand import name_equations
@@ -151,7 +151,7 @@ def _simulate(
     w = np.zeros((task.time.size, len(explicit.flat.noises)))
     intensity = _intensities(explicit.flat, intensities) if noise else np.zeros(0)
     task = task if is_affine or explicit.flat.events is not None else _good_everywhere(task)
-    with threadpool_limits(1):  # many small matrices: a second thread only waits
+    with one_thread():  # many small matrices: a second thread only waits
         if explicit.flat.events is not None:
             if np.any(intensity > 0):
                 raise events_refused("a simulation with noise")
@@ -394,7 +394,7 @@ def simulate_modes(
     assert isinstance(explicit, ExplicitModel)
     task = _prepare(explicit, recording, None, hold, None)
     rtol = SOLVER.simulation_rtol
-    with threadpool_limits(1):
+    with one_thread():
         run = _followed(task, rtol)
     return explicit, _told(task, run, rtol), run.theta
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
-
 from daest.errors import ModelError, NumericalError
 from daest.model.linear import LinearDAE, SparseForm, StandardForm
 from daest.numerics.modular_pencil import SingularPencil
+from daest.numerics.threads import one_thread
 from daest.systems.exact_structure import exact_structure
 from daest.systems.sparse_form import sparse_form
 from daest.systems.split import decides, dependent_equations, disagreement, null_vector, split
@@ -34,7 +33,7 @@ def standard_form(dae: LinearDAE, tolerance: float | None = None) -> StandardFor
     if dae.n < SPARSE_LIMIT:
         return split(dae, tolerance)
     try:
-        with threadpool_limits(1):  # many small solutions: a second thread only waits
+        with one_thread():  # many small solutions: a second thread only waits
             return _checked(dae, sparse_form(dae, tolerance), tolerance)
     except NumericalError as error:
         if error.code != "system-jacobian-singular":
