@@ -85,3 +85,46 @@ def test_a_lag_alone_is_told_as_one():
     found = diagnose(axis(), effect_library(), [recorded(0.0, 1200)], options=options)
     assert all(p.verdict == "rejected" for p in found.proofs)
     assert "Something dynamic is missing, and it is fast: Lag at v" in found.message
+
+
+FURNACE = """model Furnace "A heated body that loses heat through its wall"
+  parameter Real C(unit = "J/K", min = 0) = 4000 annotation(__Daest(estimate = true));
+  parameter Real G(unit = "W/K", min = 0) = 2 annotation(__Daest(estimate = true));
+  input Real P(unit = "W");
+  output Real T(unit = "degC");
+  Daest.Thermal.HeatTransfer.Components.HeatCapacitor body(C = C);
+  Daest.Thermal.HeatTransfer.Components.ThermalConductor wall(G = G);
+  Daest.Thermal.HeatTransfer.Sources.PrescribedHeatFlow heater;
+  Daest.Thermal.HeatTransfer.Celsius.FixedTemperature hall(T = 22);
+  Daest.Thermal.HeatTransfer.Celsius.TemperatureSensor thermocouple;
+equation
+  heater.Q_flow = P;
+  connect(heater.port, body.port);
+  connect(body.port, wall.port_a);
+  connect(wall.port_b, hall.port);
+  connect(thermocouple.port, body.port);
+  T = thermocouple.T;
+end Furnace;
+"""
+
+
+def test_radiation_is_found_behind_a_slow_thermocouple():
+    """The lag alone foresees unseen data worse, so that what it leaves is not even looked at."""
+    area, late, period, n = 0.03, 25.0, 10.0, 1500
+    rng = np.random.default_rng(8)
+    power, x, y = np.repeat(rng.uniform(0.0, 2600.0, n // 60), 60), np.array([22.0, 22.0]), np.empty(n)
+    for k in range(n):
+        y[k] = x[1] + 0.5 * rng.standard_normal()
+        for _ in range(10):
+            lost = 1.5 * (x[0] - 22.0) + area * 5.670374e-8 * ((x[0] + 273.15) ** 4 - 295.15**4)
+            x = x + period / 10 * np.array([(power[k] - lost) / 4500.0, (x[0] - x[1]) / late])
+    record = Experiment("run", period * np.arange(n), power[:, None], y[:, None], ("P",), ("T",))
+    options = DiagnoseOptions(effects=("Lag", "Radiation", "ConstantHeatGain"), hold="zoh")
+    found = diagnose(
+        compile_text(FURNACE.encode(), Path("Furnace.mo")), effect_library(), [record], options=options
+    )
+    accepted = [p for p in found.proofs if p.verdict == "supported"]
+    assert [p.candidate.effect.name for p in accepted] == ["Radiation", "Lag"]
+    own = sizes(accepted)
+    assert own["Radiation"].value == pytest.approx(area, rel=0.01)
+    assert own["Lag"].value == pytest.approx(late, rel=0.05)

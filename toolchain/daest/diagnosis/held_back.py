@@ -24,8 +24,8 @@ from daest.numerics.statistics import chi2
 def lag_in_the_way(found: Diagnosis) -> Proof | None:
     """The refused lag of a signal, with as few states as any, beside which a refused law of another kind may
     be accepted: the lag makes the recordings likelier than any law does, and what it leaves follows a
-    variable, or the simulation of unseen data is far better with a law. None where something is accepted, or
-    there is no such lag."""
+    variable or was not looked at, since it foresees unseen data worse, or the simulation of these is far
+    better with a law. None where something is accepted, or there is no such lag."""
     if any(proof.verdict != "rejected" for proof in found.proofs):
         return None
     laws = [p for p in found.proofs if not p.candidate.is_dynamic]
@@ -43,7 +43,8 @@ def lag_in_the_way(found: Diagnosis) -> Proof | None:
 
 
 def _leaves_a_form(proof: Proof) -> bool:
-    return proof.left is not None and is_significant(proof.left, 0.0)
+    """Whether what a lag leaves follows a variable, or may."""
+    return proof.left is None or is_significant(proof.left, 0.0)
 
 
 def _is_shown(found: Diagnosis, proof: Proof) -> bool:
@@ -75,6 +76,7 @@ def with_lag(second: Diagnosis, lag: Proof) -> Diagnosis | None:
     accepted = [proof for proof in second.proofs if proof.verdict != "rejected"]
     if not accepted:
         return None
+    lag = replace(lag, final=accepted[0].told)  # beside what had held it back
     message = (
         f"{second.message} {lag.candidate.label} ({told_values(lag)}) is missing besides: each of both shows "
         "only beside the other, and errors are told beside it."
