@@ -68,8 +68,8 @@ def test_effect_that_acts_seldom_is_judged_where_it_acts():
     assert is_better(one) and one.ratio < 0.35, "not the 0.8 of the whole record"
 
 
-def fit_with(rms):
-    return SimpleNamespace(simulated={"validation": Agreement({"y": None}, {"y": rms})})
+def fit_with(rms, percent=None):
+    return SimpleNamespace(simulated={"validation": Agreement({"y": percent}, {"y": rms})})
 
 
 def ahead(ratio, certainty):
@@ -93,6 +93,14 @@ def test_unseen_data_must_be_foreseen_as_well_at_all_horizons_and_better_at_one(
 ):
     found, is_clear, _ = judged(steps, fit_with(1.0), fit_with(whole), adds_up)
     assert reason in found and bool(reason) == bool(found) and is_clear == (not reason)
+
+
+@pytest.mark.parametrize(
+    "percent, whole, is_refused", [(99.0, 3.0, True), (99.0, 1.5, False), (60.0, 3.0, False)]
+)
+def test_dead_reckoning_is_no_excuse_where_the_model_had_followed_the_machine(percent, whole, is_refused):
+    found, _, _ = judged([ahead(0.8, 5.0)], fit_with(1.0, percent), fit_with(whole), True)
+    assert ("3 times worse" in found) == is_refused == bool(found)
 
 
 @pytest.mark.parametrize(

@@ -247,8 +247,9 @@ def judged(
 ) -> tuple[str, bool, bool]:
     """Why unseen data speak against the effect (empty where they do not), whether they speak clearly for it,
     and whether it does away with most of the error at some horizon. `adds_up` tells that the whole
-    simulation is dead reckoning, which counts for an effect, not against it; `told` is
-    what their likelihood says, and `steady` the ratio of the errors of simulations in which every recording
+    simulation is dead reckoning, which counts for an effect, not against it, unless the model did without
+    it what the machine did and does so no longer; `told` is what their likelihood says, and `steady` the
+    ratio of the errors of simulations in which every recording
     has a constant load of its own (`steady_misfit`), where it is smaller than that without."""
     ratios = error_ratios(before.simulated, after.simulated)
     whole = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.nan
@@ -268,11 +269,19 @@ def judged(
         over = spoken_duration(one.seconds)
         return f"unseen data are foreseen {one.ratio:.3g} times worse over {over}", False, False
     most = 1.0 + (GATES.max_simulated_loss if speaks else GATES.same_unseen_error)
-    if ratios and whole > most and not (adds_up and is_clear):
+    has_held = whole > GATES.max_followed_ratio and _is_followed(before)
+    if ratios and whole > most and not (adds_up and is_clear and not has_held):
         return f"the simulation of unseen data gets {whole:.3g} times worse", False, False
     if not is_clear:
         return "unseen data are foreseen no better", False, False
     return "", True, min(best, whole if whole == whole else 1.0) < GATES.max_most_ratio
+
+
+def _is_followed(fit: FitResult) -> bool:
+    """Whether a simulation does nearly all that every output of the unseen data does."""
+    unseen = fit.simulated.get("validation")
+    percents = [] if unseen is None else list(unseen.fit_percent.values())
+    return bool(percents) and all(p is not None and p > GATES.min_followed_fit for p in percents)
 
 
 def adds_up(run: NullObserver) -> bool:
