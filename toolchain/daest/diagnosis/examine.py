@@ -19,15 +19,17 @@ from daest.diagnosis.load_starts import from_nowhere
 from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, open_hold, with_other_hold
 from daest.diagnosis.open_loop import driven_share, open_screen
-from daest.diagnosis.options import DiagnoseOptions, Progress
+from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.reasons import is_significant
 from daest.diagnosis.screen import NullObserver, run_null, screen
+from daest.diagnosis.stages import DynamicTasks, dynamic_effects
 from daest.diagnosis.stand import Stand, quiet
 from daest.diagnosis.unseen import innovations
 from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
 from daest.model.effects import Effect
 from daest.modelica.sites import sites
 from daest.numerics.deadline import OutOfTimeError, until
+from daest.numerics.parallel import Workers, called, workers
 
 CURVE_TIMES = 20.0  # those of the fit of the model as it is, that a refit with a curve may take
 CURVE_SECONDS = 60.0  # and that it may take in any case
@@ -42,8 +44,8 @@ def examine(
 ) -> Diagnosis:
     """Screen, proof and verdict for a fitted null. `watched` sees the first refits, best first, and may end
     the examination by what it raises."""
-    with quiet():
-        return _examined(stand, library, options, progress, watched)
+    with quiet(), workers(options.jobs, options.cluster) as pool:
+        return _examined(stand, library, options, progress, watched, pool)
 
 
 def _examined(
@@ -52,13 +54,16 @@ def _examined(
     options: DiagnoseOptions,
     progress: Progress,
     watched: Callable[[Sequence[Proof]], None],
+    pool: Workers,
 ) -> Diagnosis:
+    simulated: list[DynamicTasks] = []
     candidates = chosen_candidates(library, sites(stand.declared), stand.null.experiments, options)
     progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
 
     def screened() -> tuple[Stand, tuple[Candidate, ...], NullObserver, Screen, Screen | None]:
         null, reference = stand.null, stand.reference
         run, known = run_null(null), keeping_order(null.flat, null.explicit, candidates)
+        simulated.append(_begun_beside(stand, known, pool))
         found = screen(null, run, known, options.seed)
         if reference is None or reference.adds_up:
             return stand, known, run, found, None
@@ -81,7 +86,10 @@ def _examined(
     forms = free_forms(null, run)
     form = next(iter(forms), None)
     loads = verdicts.Loads(stand.declared, null, run, gains, form, starts=from_nowhere(null))
-    course = Course(stand, loads, load, (found, used), candidates, chosen_library, options, progress, watched)
+    course = Course(
+        stand, loads, load, (found, used), candidates, chosen_library, options, progress, watched, pool,
+        next(iter(simulated), None),
+    )  # fmt: skip
     proofs, unproved, is_whole = course.proofs()
     form = _told_by_rest(forms, proofs)
     loads = replace(loads, form=form)
@@ -118,6 +126,15 @@ def _examined(
         is_whole=is_whole,
         is_by_colour=decided.is_by_colour,
     )
+
+
+def _begun_beside(stand: Stand, candidates: Sequence[Candidate], pool: Workers) -> DynamicTasks:
+    """The fits by simulation, which ask nothing of the screen: other processes begin them beside it."""
+    tasks = DynamicTasks(stand.null)
+    pool.begin(
+        called, tasks.of(dynamic_effects(candidates)[1]), seconds=REFIT_SECONDS * stand.baseline.seconds
+    )
+    return tasks
 
 
 def _said_of_inputs(null: Null) -> str:
