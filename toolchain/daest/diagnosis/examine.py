@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.candidates import keeping_order
@@ -56,14 +57,16 @@ def _examined(
     watched: Callable[[Sequence[Proof]], None],
     pool: Workers,
 ) -> Diagnosis:
-    simulated: list[DynamicTasks] = []
+    beside: list[_Beside] = []
     candidates = chosen_candidates(library, sites(stand.declared), stand.null.experiments, options)
     progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
 
     def screened() -> tuple[Stand, tuple[Candidate, ...], NullObserver, Screen, Screen | None]:
         null, reference = stand.null, stand.reference
-        run, known = run_null(null), keeping_order(null.flat, null.explicit, candidates)
-        simulated.append(_begun_beside(stand, known, pool))
+        run = run_null(null)
+        beside.append(_Beside(stand, run, pool))
+        known = keeping_order(null.flat, null.explicit, candidates)
+        beside[0].begin_simulations(known)
         found = screen(null, run, known, options.seed)
         if reference is None or reference.adds_up:
             return stand, known, run, found, None
@@ -83,12 +86,12 @@ def _examined(
     ]
     gains = place_gains(null, run)
     load = smoothed_load(null, run, gains)
-    forms = free_forms(null, run)
+    forms = beside[0].free_forms() if beside else free_forms(null, run)
     form = next(iter(forms), None)
     loads = verdicts.Loads(stand.declared, null, run, gains, form, starts=from_nowhere(null))
     course = Course(
         stand, loads, load, (found, used), candidates, chosen_library, options, progress, watched, pool,
-        next(iter(simulated), None),
+        beside[0].simulated if beside else None,
     )  # fmt: skip
     proofs, unproved, is_whole = course.proofs()
     form = _told_by_rest(forms, proofs)
@@ -128,13 +131,28 @@ def _examined(
     )
 
 
-def _begun_beside(stand: Stand, candidates: Sequence[Candidate], pool: Workers) -> DynamicTasks:
-    """The fits by simulation, which ask nothing of the screen: other processes begin them beside it."""
-    tasks = DynamicTasks(stand.null)
-    pool.begin(
-        called, tasks.of(dynamic_effects(candidates)[1]), seconds=REFIT_SECONDS * stand.baseline.seconds
-    )
-    return tasks
+class _Beside:
+    """What asks nothing of the screen, and is begun beside it by other processes: the forms of the loads, and
+    fits of effects with states by simulation."""
+
+    def __init__(self, stand: Stand, run: NullObserver, pool: Workers) -> None:
+        self.simulated = DynamicTasks(stand.null)
+        self._pool, self._seconds = pool, REFIT_SECONDS * stand.baseline.seconds
+        self._forms = [partial(_quiet_forms, stand.null, run)]
+        pool.begin(called, self._forms, seconds=self._seconds)
+
+    def begin_simulations(self, candidates: Sequence[Candidate]) -> None:
+        tasks = self.simulated.of(dynamic_effects(candidates)[1])
+        self._pool.begin(called, tasks, seconds=self._seconds)
+
+    def free_forms(self) -> tuple[FreeForm, ...]:
+        """Those of `free_forms`."""
+        return next(self._pool.map(called, self._forms, seconds=self._seconds)).get()
+
+
+def _quiet_forms(null: Null, run: NullObserver) -> tuple[FreeForm, ...]:
+    with quiet():
+        return free_forms(null, run)
 
 
 def _said_of_inputs(null: Null) -> str:

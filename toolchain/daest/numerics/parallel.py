@@ -293,7 +293,9 @@ class _Processes:
     def _round(self, work: bytes, blobs: dict[int, bytes]) -> Iterator[tuple[int, bytes]]:
         pool = self._pool()
         with self.beginning:
-            self.ahead.clear()
+            for blob in blobs.values() if self.ahead else ():
+                with suppress(ValueError):
+                    self.ahead.remove(blob)
             running = {self.begun.pop(blob): number for number, blob in blobs.items() if blob in self.begun}
         following = iter([item for item in blobs.items() if item[0] not in running.values()])
         try:
