@@ -85,8 +85,9 @@ class Engine(Protocol):
     def gain(self, n_tasks: int, seconds: float) -> float:
         """Seconds that this engine saves where each task takes `seconds`."""
 
-    def begin(self, work: bytes, blobs: Sequence[bytes]) -> None:
-        """Begin tasks, of which `arrivals` takes those that are the same objects as it was given here."""
+    def begin(self, work: bytes, blobs: Sequence[bytes]) -> bool:
+        """Begin tasks, of which `arrivals` takes those that are the same objects as here. Whether it does
+        that."""
 
     def arrivals(self, work: bytes, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]: ...
 
@@ -107,8 +108,8 @@ class Workers:
         if self.engine is None or self.engine.gain(len(tasks) + 1, seconds) <= 0.0:
             return
         blobs = [packed(task) for task in tasks]
-        self.begun.update({id(task): (task, blob) for task, blob in zip(tasks, blobs, strict=True)})
-        self.engine.begin(packed(work), blobs)
+        if self.engine.begin(packed(work), blobs):
+            self.begun.update({id(task): (task, blob) for task, blob in zip(tasks, blobs, strict=True)})
 
     def map(
         self,
@@ -246,7 +247,7 @@ class _Processes:
 
     jobs: int
     copies: list[ProcessPoolExecutor] = field(default_factory=list)  # one at most
-    ahead: deque[bytes] = field(default_factory=deque)
+    ahead: deque[tuple[bytes, bytes]] = field(default_factory=deque)  # work and task
     begun: dict[bytes, Any] = field(default_factory=dict)
     beginning: Lock = field(default_factory=Lock)
 
@@ -255,25 +256,28 @@ class _Processes:
         start = COPY_SECONDS if self.copies or _may_copy() else START_SECONDS
         return (n_tasks - n_rounds) * seconds - start if n_tasks > n_rounds else 0.0
 
-    def begin(self, work: bytes, blobs: Sequence[bytes]) -> None:
+    def begin(self, work: bytes, blobs: Sequence[bytes]) -> bool:
         if not self.copies and not _may_copy():
-            return
-        self.ahead.extend(blobs)
-        for _ in range(max(self.jobs - 1, 1)):
-            self._follow(self._pool(), work)
+            return False
+        with self.beginning:
+            self.ahead.extend((work, blob) for blob in blobs)
+            busy = sum(not future.done() for future in self.begun.values())
+        for _ in range(max(self.jobs - 1, 1) - busy):
+            self._follow(self._pool())
+        return True
 
-    def _follow(self, pool: Any, work: bytes) -> None:
+    def _follow(self, pool: Any) -> None:
         """Begin the first of the tasks `ahead`, and when that is done the next one."""
         with self.beginning:
             if not self.ahead:
                 return
-            blob = self.ahead.popleft()
+            work, blob = self.ahead.popleft()
             try:
                 future = pool.submit(run_packed, work, blob)
             except RuntimeError:  # the pool has come to its end
                 return
             self.begun[blob] = future
-        future.add_done_callback(lambda _: self._follow(pool, work))
+        future.add_done_callback(lambda _: self._follow(pool))
 
     def arrivals(self, work: bytes, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]:
         """If one worker dies, the whole pool breaks: tasks without an outcome are started again."""
@@ -293,9 +297,10 @@ class _Processes:
     def _round(self, work: bytes, blobs: dict[int, bytes]) -> Iterator[tuple[int, bytes]]:
         pool = self._pool()
         with self.beginning:
-            for blob in blobs.values() if self.ahead else ():
-                with suppress(ValueError):
-                    self.ahead.remove(blob)
+            wanted = {id(blob) for blob in blobs.values()}
+            others = [one for one in self.ahead if id(one[1]) not in wanted]
+            self.ahead.clear()
+            self.ahead.extend(others)
             running = {self.begun.pop(blob): number for number, blob in blobs.items() if blob in self.begun}
         following = iter([item for item in blobs.items() if item[0] not in running.values()])
         try:
@@ -474,8 +479,9 @@ class _Cluster:
     def gain(self, n_tasks: int, seconds: float) -> float:
         return math.inf
 
-    def begin(self, work: bytes, blobs: Sequence[bytes]) -> None:
-        """Nothing: a cluster has all tasks of a stage at once."""
+    def begin(self, work: bytes, blobs: Sequence[bytes]) -> bool:
+        """It does not: a cluster has all tasks of a stage at once."""
+        return False
 
     def arrivals(self, work: bytes, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]:
         expected, following = versions(), iter(enumerate(blobs))
