@@ -10,7 +10,7 @@ from daest.diagnosis import stages as stages_module
 from daest.diagnosis import trials as trials_module
 from daest.diagnosis.course import _by_states
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.stages import Stages
+from daest.diagnosis.stages import DynamicTasks, Stages
 from daest.diagnosis.trials import Prepared
 
 
@@ -26,9 +26,10 @@ def prepared(n_states: int = 0, simulated: float = -np.inf, site: str = "u", is_
 def stages(simulation: tuple[float, dict[str, float]]) -> Stages:
     experiments = (SimpleNamespace(outputs=np.zeros((1000, 1))),)
     search = SimpleNamespace(stand=SimpleNamespace(null=SimpleNamespace(experiments=experiments)))
-    found = Stages(cast(Any, search), cast(Any, None), cast(Any, None), cast(Any, None))
-    found.__dict__["simulation"] = simulation
-    return found
+    tasks = DynamicTasks(cast(Any, search).stand.null)
+    tasks.__dict__["simulation"] = simulation
+    nothing = cast(Any, None)
+    return Stages(cast(Any, search), nothing, nothing, nothing, simulated=tasks)
 
 
 def test_laws_with_states_come_second() -> None:
@@ -76,3 +77,14 @@ def test_a_model_that_was_reduced_is_not_reduced_again(monkeypatch: Any) -> None
     one = prepared()
     assert one.reduced() == "anew" and len(asked) == 1
     assert replace(one, explicit=cast(Any, "before")).reduced() == "before" and len(asked) == 1
+
+
+def test_fits_that_were_begun_are_those_that_are_asked_for() -> None:
+    tasks, candidates = (
+        DynamicTasks(cast(Any, None)),
+        [prepared(site=place).trial.candidate for place in "uvw"],
+    )
+    tasks.__dict__["simulation"] = (0.0, {})
+    begun = tasks.of(candidates)
+    assert begun and all(one is other for one, other in zip(begun, tasks.of(candidates), strict=True))
+    assert DynamicTasks(cast(Any, None)).of([]) == []

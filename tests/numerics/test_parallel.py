@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import CancelledError
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,7 +18,7 @@ import pytest
 
 from daest.errors import ConfigError, DaestError
 from daest.numerics import parallel
-from daest.numerics.parallel import packed, unpacked, workers
+from daest.numerics.parallel import called, packed, unpacked, workers
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
 
@@ -272,3 +273,42 @@ def is_alive(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
+
+
+def made(folders):
+    """Tasks that make a folder each: a second time they fail."""
+    return [partial(os.mkdir, str(folder)) for folder in folders]
+
+
+def test_what_was_begun_is_not_done_again(tmp_path):
+    tasks, another = made([tmp_path / name for name in "abc"]), made([tmp_path / "d"])
+    with workers(2) as pool:
+        pool.begin(called, tasks)
+        assert all(outcome.error is None for outcome in pool.map(called, [*another, *tasks]))
+    assert all((tmp_path / name).is_dir() for name in "abcd")
+
+
+def test_tasks_begin_beside_this_process_one_after_the_other(tmp_path):
+    if not parallel._may_copy():
+        pytest.skip("this process has other threads")
+    folders, last = [tmp_path / name for name in "ab"], time.monotonic() + 20.0
+    with workers(2) as pool:
+        pool.begin(called, made(folders))
+        while not all(folder.is_dir() for folder in folders) and time.monotonic() < last:
+            time.sleep(0.01)
+    assert all(folder.is_dir() for folder in folders)
+
+
+def test_what_is_begun_and_not_wanted_is_given_up():
+    began = time.monotonic()
+    with workers(2) as pool:
+        pool.begin(time.sleep, [60.0, 60.0])
+    assert time.monotonic() - began < 30.0
+
+
+def test_without_processes_tasks_begin_when_they_are_asked_for(tmp_path):
+    tasks = made([tmp_path / "a"])
+    with workers(1) as pool:
+        pool.begin(called, tasks)
+        assert not (tmp_path / "a").exists()
+        assert [outcome.error for outcome in pool.map(called, tasks)] == [None]

@@ -112,7 +112,9 @@ def _version(ctx: click.Context, _: click.Parameter, is_wanted: bool) -> None:
 def cli() -> None:
     """From a Modelica model and a recording to parameters, states and the physics that the model lacks."""
     from daest.numerics.compiler import tell_of_compilations
+    from daest.numerics.memory import keep_freed_memory
 
+    keep_freed_memory()
     tell_of_compilations(say)
 
 

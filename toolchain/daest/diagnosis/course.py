@@ -38,12 +38,12 @@ from daest.diagnosis.rivals import (
 )
 from daest.diagnosis.search import Search
 from daest.diagnosis.slow_loads import said_by_loads
-from daest.diagnosis.stages import MOST_IN_USE, Stages, in_time
+from daest.diagnosis.stages import MOST_IN_USE, DynamicTasks, Stages, in_time
 from daest.diagnosis.stand import Stand
 from daest.diagnosis.trials import Prepared, Trial, clipping_trials, trials
 from daest.model.diagnosis import Candidate, Proof, Screen, Unproved
 from daest.model.effects import Effect
-from daest.numerics.parallel import workers
+from daest.numerics.parallel import Workers
 
 MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve over some variable
 FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the first is not supported
@@ -53,7 +53,8 @@ FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the fir
 class Course:
     """Refits of the best of the `candidates`, in stages: `screens` are that of the innovations and that in
     open loop, if there is one; `loads` is what the null needs, `load` the largest of that. `watched` sees the
-    first refits, best first, and may end the course by what it raises."""
+    first refits, best first, and may end the course by what it raises. `simulated` are fits that the `pool`
+    may have begun."""
 
     stand: Stand
     loads: verdicts.Loads
@@ -64,6 +65,8 @@ class Course:
     options: DiagnoseOptions
     progress: Progress
     watched: Callable[[Sequence[Proof]], None]
+    pool: Workers
+    simulated: DynamicTasks | None = None
 
     def proofs(self) -> tuple[tuple[Proof, ...], tuple[Unproved, ...], bool]:
         """The best candidates refitted: the first few, those that lead the screen in open loop, and of the
@@ -73,17 +76,16 @@ class Course:
         wanted = trials(found, GATES.screen_level, options.most_trials + MORE_TRIALS)
         wanted, n_used = _with_leaders(wanted, used)
         search = Search(stand, self.loads.run, self.load, self.loads.form, found.n_screened)
-        with workers(options.jobs, options.cluster) as pool:
-            stages = Stages(search, pool, options, self.progress)
-            fits, proofs = self._of_leaders(stages, wanted[: options.most_trials], n_used)
-            if not is_settled(ranked(proofs)):
-                proofs += stages.proved(stages.prepared(wanted[options.most_trials :]), proofs)[0]
-                proofs = stages.second_tries(proofs, found)
-            proofs = self._with_simpler_laws(stages, proofs)
-            proofs = self._with_other_forms(stages, proofs)
-            proofs = self._with_storage(stages, proofs)
-            proofs = stages.shown_in_use(proofs)
-            proofs = stages.steadied(proofs)
+        stages = Stages(search, self.pool, options, self.progress, simulated=self.simulated)
+        fits, proofs = self._of_leaders(stages, wanted[: options.most_trials], n_used)
+        if not is_settled(ranked(proofs)):
+            proofs += stages.proved(stages.prepared(wanted[options.most_trials :]), proofs)[0]
+            proofs = stages.second_tries(proofs, found)
+        proofs = self._with_simpler_laws(stages, proofs)
+        proofs = self._with_other_forms(stages, proofs)
+        proofs = self._with_storage(stages, proofs)
+        proofs = stages.shown_in_use(proofs)
+        proofs = stages.steadied(proofs)
         order = ranked(proofs)
         is_whole = not stages.late and None not in fits
         return order, _unproved(found, wanted, order, stages.failed), is_whole

@@ -20,6 +20,7 @@ from daest.model.flat import ExplicitModel
 from daest.model.holds import Hold
 from daest.numerics.exponential import transition_integrals
 from daest.numerics.recursions import linear_recursion, products_along, varying_recursion
+from daest.numerics.tables import turned
 from daest.systems.integrate import Correction, Integrator, integrate, integrator
 from daest.systems.linearize import has_affine_dynamics
 
@@ -83,7 +84,7 @@ class WatchedErrors:
         own = self.open_loop
         pushed = _times(drive[:, 0], own.at_start) + _times(drive[:, 1], own.at_end)
         if direct is not None:
-            pushed -= _times((self.slopes * direct[:, :-1]) @ self.gain.T, own.transition)
+            pushed -= _times((self.slopes * direct[:, :-1]) @ turned(self.gain), own.transition)
         return pushed
 
     def _followed(self, pushed: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
@@ -101,7 +102,7 @@ class WatchedErrors:
 def _times(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     """Every row (k, m, n) by the matrix of its sample (m, p, n) or by the one matrix (1, p, n)."""
     if matrices.shape[0] == 1:
-        return rows @ matrices[0].T
+        return rows @ turned(matrices[0])
     return products_along(rows, matrices)
 
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.candidates import keeping_order
@@ -19,15 +20,17 @@ from daest.diagnosis.load_starts import from_nowhere
 from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, open_hold, with_other_hold
 from daest.diagnosis.open_loop import driven_share, open_screen
-from daest.diagnosis.options import DiagnoseOptions, Progress
+from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.reasons import is_significant
 from daest.diagnosis.screen import NullObserver, run_null, screen
+from daest.diagnosis.stages import DynamicTasks, dynamic_effects
 from daest.diagnosis.stand import Stand, quiet
 from daest.diagnosis.unseen import innovations
 from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
 from daest.model.effects import Effect
 from daest.modelica.sites import sites
 from daest.numerics.deadline import OutOfTimeError, until
+from daest.numerics.parallel import Workers, called, workers
 
 CURVE_TIMES = 20.0  # those of the fit of the model as it is, that a refit with a curve may take
 CURVE_SECONDS = 60.0  # and that it may take in any case
@@ -42,8 +45,8 @@ def examine(
 ) -> Diagnosis:
     """Screen, proof and verdict for a fitted null. `watched` sees the first refits, best first, and may end
     the examination by what it raises."""
-    with quiet():
-        return _examined(stand, library, options, progress, watched)
+    with quiet(), workers(options.jobs, options.cluster) as pool:
+        return _examined(stand, library, options, progress, watched, pool)
 
 
 def _examined(
@@ -52,13 +55,18 @@ def _examined(
     options: DiagnoseOptions,
     progress: Progress,
     watched: Callable[[Sequence[Proof]], None],
+    pool: Workers,
 ) -> Diagnosis:
+    beside: list[_Beside] = []
     candidates = chosen_candidates(library, sites(stand.declared), stand.null.experiments, options)
     progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
 
     def screened() -> tuple[Stand, tuple[Candidate, ...], NullObserver, Screen, Screen | None]:
         null, reference = stand.null, stand.reference
-        run, known = run_null(null), keeping_order(null.flat, null.explicit, candidates)
+        run = run_null(null)
+        beside.append(_Beside(stand, run, pool))
+        known = keeping_order(null.flat, null.explicit, candidates)
+        beside[0].begin_simulations(known)
         found = screen(null, run, known, options.seed)
         if reference is None or reference.adds_up:
             return stand, known, run, found, None
@@ -78,10 +86,13 @@ def _examined(
     ]
     gains = place_gains(null, run)
     load = smoothed_load(null, run, gains)
-    forms = free_forms(null, run)
+    forms = beside[0].free_forms() if beside else free_forms(null, run)
     form = next(iter(forms), None)
     loads = verdicts.Loads(stand.declared, null, run, gains, form, starts=from_nowhere(null))
-    course = Course(stand, loads, load, (found, used), candidates, chosen_library, options, progress, watched)
+    course = Course(
+        stand, loads, load, (found, used), candidates, chosen_library, options, progress, watched, pool,
+        beside[0].simulated if beside else None,
+    )  # fmt: skip
     proofs, unproved, is_whole = course.proofs()
     form = _told_by_rest(forms, proofs)
     loads = replace(loads, form=form)
@@ -118,6 +129,30 @@ def _examined(
         is_whole=is_whole,
         is_by_colour=decided.is_by_colour,
     )
+
+
+class _Beside:
+    """What asks nothing of the screen, and is begun beside it by other processes: the forms of the loads, and
+    fits of effects with states by simulation."""
+
+    def __init__(self, stand: Stand, run: NullObserver, pool: Workers) -> None:
+        self.simulated = DynamicTasks(stand.null)
+        self._pool, self._seconds = pool, REFIT_SECONDS * stand.baseline.seconds
+        self._forms = [partial(_quiet_forms, stand.null, run)]
+        pool.begin(called, self._forms, seconds=self._seconds)
+
+    def begin_simulations(self, candidates: Sequence[Candidate]) -> None:
+        tasks = self.simulated.of(dynamic_effects(candidates)[1])
+        self._pool.begin(called, tasks, seconds=self._seconds)
+
+    def free_forms(self) -> tuple[FreeForm, ...]:
+        """Those of `free_forms`."""
+        return next(self._pool.map(called, self._forms, seconds=self._seconds)).get()
+
+
+def _quiet_forms(null: Null, run: NullObserver) -> tuple[FreeForm, ...]:
+    with quiet():
+        return free_forms(null, run)
 
 
 def _said_of_inputs(null: Null) -> str:

@@ -34,6 +34,7 @@ from daest.model.flat import ExplicitModel
 from daest.modelica.attach import components_with
 from daest.numerics.evaluator import along
 from daest.numerics.statistics import autoregression, chi2, norm
+from daest.numerics.tables import turned
 from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, integrator, interval_inputs
 from daest.systems.integration import IntegrationError
 from daest.systems.linearize import has_affine_dynamics
@@ -126,8 +127,8 @@ def _observed(
     return Observed(
         predicted=run.states,
         filtered=run.states + np.where(known, sensors * error, 0.0) @ gain.T,
-        whitened=np.where(known, error, 0.0) @ root.T,
-        slopes=np.where(known, run.sensitivities.transpose(2, 0, 1), 0.0) @ root.T,
+        whitened=np.where(known, error, 0.0) @ turned(root),
+        slopes=np.where(known, run.sensitivities.transpose(2, 0, 1), 0.0) @ turned(root),
         sensors=sensors,
     )
 
@@ -490,7 +491,7 @@ def responses_along(
 def _whitened(run: NullObserver, experiment: Experiment, change: np.ndarray) -> np.ndarray:
     """Changes (k, n_samples, n_y) of the innovations of an experiment, whitened, (k, n_samples · n_y)."""
     change = np.where(np.isfinite(experiment.outputs), change, 0.0)
-    return (change @ run.root.T).reshape(change.shape[0], -1)
+    return (change @ turned(run.root)).reshape(change.shape[0], -1)
 
 
 def _drive_functions(

@@ -48,6 +48,31 @@ LOOP = 3  # times the time of a run where a loop is solved by iterations at ever
 
 
 @dataclass(frozen=True)
+class DynamicTasks:
+    """Fits by simulation of effects that change the order of the model, which ask for the `null` alone: they
+    may begin before anything else is known. `made` are the tasks by the labels of their effects."""
+
+    null: Null
+    made: dict[tuple[str, ...], list[Callable[[], DynamicFits]]] = field(default_factory=dict)
+
+    @cached_property
+    def simulation(self) -> Simulation | None:
+        """The fit of the model as it is, from which they start."""
+        with quiet():
+            return best_simulation(self.null)
+
+    def of(self, wanted: Sequence[Candidate]) -> list[Callable[[], DynamicFits]]:
+        """The fits of some effects in a few parts, the same ones whenever they are asked for; none where the
+        model as it is has no simulation to start from."""
+        if not wanted or self.simulation is None:
+            return []
+        size = -(-len(wanted) // DYNAMIC_PARTS)
+        parts = [wanted[i : i + size] for i in range(0, len(wanted), size)]
+        labels = tuple(candidate.label for candidate in wanted)
+        return self.made.setdefault(labels, [partial(_dynamic, self.null, p, self.simulation) for p in parts])
+
+
+@dataclass(frozen=True)
 class Stages:
     """Refits stage by stage. What is clearly worse than the best of the stages before is cut short: what runs
     beside it makes no difference, so that the result does not depend on the number of workers. Trials for
@@ -60,6 +85,7 @@ class Stages:
     failed: list[tuple[Trial, str]] = field(default_factory=list)
     late: list[Trial] = field(default_factory=list)
     lost: list[Prepared] = field(default_factory=list)
+    simulated: DynamicTasks | None = None
 
     def prepared(self, found: Iterable[Trial]) -> list[Prepared]:
         """The trials that can be built into the model, of the places where the sensors would see them alike
@@ -151,28 +177,26 @@ class Stages:
         self.lost.clear()
         return result
 
-    @cached_property
+    @property
     def simulation(self) -> Simulation | None:
         """The fit of the model as it is by its simulation, from which those of effects with states start."""
-        with quiet():
-            return best_simulation(self.search.stand.null)
+        return self.dynamics.simulation
+
+    @cached_property
+    def dynamics(self) -> DynamicTasks:
+        return self.simulated or DynamicTasks(self.search.stand.null)
 
     def dynamic(self, candidates: Sequence[Candidate]) -> list[DynamicFits | None]:
         """The fits of the effects that change the order of the model, in a few parts, None where the time did
         not suffice; none where there are no such effects. Dead times are fitted where a lag shows itself."""
-        wanted = [c for c in candidates if c.is_dynamic and not c.inputs]
-        simplest = [c for c in wanted if not _says_more_of_signal(c, wanted)]
+        wanted, simplest = dynamic_effects(candidates)
         fits = self._dynamic(simplest)
         shown = {one.trial.candidate.site for part in in_time(fits) for _, one in part}
         return [*fits, *self._dynamic([c for c in wanted if c not in simplest and c.site in shown])]
 
     def _dynamic(self, wanted: Sequence[Candidate]) -> list[DynamicFits | None]:
-        if not wanted or self.simulation is None:
-            return []
-        size = -(-len(wanted) // DYNAMIC_PARTS)
-        parts = [wanted[i : i + size] for i in range(0, len(wanted), size)]
-        tasks = [partial(_dynamic, self.search.stand.null, part, self.simulation) for part in parts]
-        return self.proved((), (), tasks)[1]
+        tasks = self.dynamics.of(wanted)
+        return self.proved((), (), tasks)[1] if tasks else []
 
     def by_what_they_simulate(self, dynamic: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
         """Effects with states whose simulation leaves so little of the errors of the model as it is that they
@@ -273,6 +297,12 @@ class Stages:
         ]
         found = {p.candidate.name: p for p in self.proved((), proofs, tasks)[1] if p is not None}
         return [found.get(p.candidate.name, p) for p in proofs]
+
+
+def dynamic_effects(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
+    """The candidates that change the order of the model, and those of them that say least of their signal."""
+    wanted = [c for c in candidates if c.is_dynamic and not c.inputs]
+    return wanted, [c for c in wanted if not _says_more_of_signal(c, wanted)]
 
 
 def _dynamic(null: Null, wanted: Sequence[Candidate], simulation: Simulation) -> DynamicFits:

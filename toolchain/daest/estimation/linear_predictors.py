@@ -36,6 +36,7 @@ from daest.numerics.riccati import (
     stationary_gains,
     varying_gains,
 )
+from daest.numerics.tables import turned
 from daest.systems.state_space import (
     Noise,
     SampledDerivatives,
@@ -152,7 +153,7 @@ def innovations(dyn: Recursion, record: Record, gains: tuple[Gains, Gains | None
     """Residuals for x0 = 0 and their response to every initial state."""
     K = None if gains is None else gains[0].K
     u, n = record.inputs, dyn.Phi.shape[-1]
-    known = record.outputs - u @ dyn.D.T - dyn.d
+    known = record.outputs - u @ turned(dyn.D) - dyn.d
     drive = _times(dyn.now, u[:-1]) + _times(dyn.following, u[1:]) + dyn.drift
     if K is not None:
         drive = drive + _times(_steps(K), known[:-1] * record.observed[:-1])
@@ -163,8 +164,8 @@ def innovations(dyn: Recursion, record: Record, gains: tuple[Gains, Gains | None
     seen = record.observed
     slope = None if gains is None else gains[1]
     return Innovations(
-        at_zero=(known - states[0] @ dyn.C.T) * seen,
-        response=(states[1:] @ dyn.C.T) * seen,
+        at_zero=(known - states[0] @ turned(dyn.C)) * seen,
+        response=(states[1:] @ turned(dyn.C)) * seen,
         states_at_zero=states[0],
         states_response=states[1:],
         S=None if gains is None else gains[0].S,
@@ -182,7 +183,7 @@ def innovation_slopes(dyn: Recursion, record: Record, found: Innovations, x0: np
     eps = found.at_zero - np.tensordot(x0, found.response, 1)
     if dyn.is_constant and record.is_complete and (found.K is None or found.K.ndim == 2):
         return _constant_slopes(dyn, u, found, states, eps)
-    direct = states @ _t(slope.output) + u @ _t(slope.feedthrough) + slope.output_offset[:, None, :]
+    direct = states @ turned(slope.output) + u @ turned(slope.feedthrough) + slope.output_offset[:, None, :]
     drive = _times(slope.transition, states[:-1], 1) + _times(slope.input_now, u[:-1], 1)
     drive = drive + _times(slope.input_next, u[1:], 1)
     drive = drive + (slope.drift[:, None, :] if slope.drift.ndim == 2 else slope.drift)
@@ -191,7 +192,7 @@ def innovation_slopes(dyn: Recursion, record: Record, found: Innovations, x0: np
         drive = drive - _times(_steps(found.K), direct[:, :-1] * seen[:-1])
     start = np.zeros((drive.shape[0], drive.shape[2]))
     moved = _recursion(_closed(dyn, found.K), drive, start)
-    return -(moved @ dyn.C.T + direct) * seen
+    return -(moved @ turned(dyn.C) + direct) * seen
 
 
 def _constant_slopes(
@@ -210,11 +211,11 @@ def _constant_slopes(
     if found.K is not None and found.K_slope is not None:
         by_gain = found.K_slope
         moves = moves - found.K @ direct
-    drive = signals @ _t(np.concatenate([moves, slope.input_next, by_gain], axis=2))
+    drive = signals @ turned(np.concatenate([moves, slope.input_next, by_gain], axis=2))
     moved = linear_recursion(_closed(dyn, found.K), drive, np.zeros((p, n)))
     last = np.hstack([states[-1:], u[-1:], [[1.0]]])
     at_samples = np.vstack([signals[:, : n + n_u + 1], last])
-    return -(moved @ dyn.C.T) - at_samples @ _t(direct)
+    return -(moved @ turned(dyn.C)) - at_samples @ turned(direct)
 
 
 def _one_step(
@@ -406,7 +407,7 @@ def _steps(K: np.ndarray, lead: int = 0) -> np.ndarray:
 
 def _times(matrix: np.ndarray, rows: np.ndarray, lead: int = 0) -> np.ndarray:
     """matrix · row for every row: matrix (lead axes, [n_steps,] a, b), rows (…, n_steps, b)."""
-    return rows @ _t(matrix) if matrix.ndim == 2 + lead else (matrix @ rows[..., None])[..., 0]
+    return rows @ turned(matrix) if matrix.ndim == 2 + lead else (matrix @ rows[..., None])[..., 0]
 
 
 def _recursion(closed: np.ndarray, drive: np.ndarray, start: np.ndarray) -> np.ndarray:
@@ -414,10 +415,6 @@ def _recursion(closed: np.ndarray, drive: np.ndarray, start: np.ndarray) -> np.n
     if closed.ndim == 2:
         return linear_recursion(closed, drive, start)
     return varying_recursion(closed, drive, start)
-
-
-def _t(matrix: np.ndarray) -> np.ndarray:
-    return np.swapaxes(matrix, -1, -2)
 
 
 WEIGHT_ITERATIONS = 20
@@ -672,7 +669,7 @@ def _whiten(S: np.ndarray | None, std: np.ndarray, rows: np.ndarray) -> np.ndarr
         return rows * (1.0 / std)
     root = np.linalg.cholesky(S)
     if S.ndim == 2:
-        return rows @ np.linalg.inv(root).T
+        return rows @ turned(np.linalg.inv(root))
     return (np.linalg.inv(root) @ rows[..., None])[..., 0]
 
 

@@ -10,6 +10,7 @@ and then: the last steps are extended to a parabola, and few steps from its end 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
@@ -204,7 +205,8 @@ class _Steps:
         self.vectors, self.pull = vectors, -vectors.T @ (here.gradient[free] / self.scale)
 
     def length_at(self, damping: float) -> float:
-        return float(np.linalg.norm(self.pull / (self.values + damping)))
+        step = self.pull / (self.values + damping)
+        return math.sqrt(step @ step)  # as np.linalg.norm, in a third of its time: asked for at every halving
 
     def within(self, length: float) -> tuple[np.ndarray, float]:
         """The step of no more than that length, and its length."""

@@ -22,6 +22,7 @@ from daest.estimation.search import Objective
 from daest.estimation.ties import Beginning, with_ties
 from daest.model.experiment import Experiment
 from daest.model.holds import Hold
+from daest.numerics.tables import turned
 from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, interval_inputs
 from daest.systems.integration import IntegrationError
 from daest.systems.tolerances import SOLVER
@@ -267,7 +268,7 @@ def whitened(problem: TrajectoryProblem, errors: Errors, z: np.ndarray) -> tuple
     residuals, slopes = [], []
     for number, (error, trajectory) in enumerate(zip(errors.errors, errors.trajectories, strict=True)):
         observed = np.isfinite(error)
-        white = np.where(observed, error, 0.0) @ inverse_root.T
+        white = np.where(observed, error, 0.0) @ turned(inverse_root)
         change = np.zeros((p, *error.shape))
         sens = trajectory.sensitivities  # (n_samples, n_y, directions)
         change[:n_parameters] = (
@@ -284,7 +285,7 @@ def whitened(problem: TrajectoryProblem, errors: Errors, z: np.ndarray) -> tuple
             )
         if not np.all(observed):
             change = np.where(observed, change, 0.0)
-        change = change @ inverse_root.T
+        change = change @ turned(inverse_root)
         residuals.append(white.ravel())
         slopes.append(change.reshape(p, error.size))
     return np.concatenate(residuals), np.concatenate(slopes, axis=1)

@@ -20,6 +20,7 @@ import threading
 import time
 import traceback
 import warnings
+from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -84,14 +85,31 @@ class Engine(Protocol):
     def gain(self, n_tasks: int, seconds: float) -> float:
         """Seconds that this engine saves where each task takes `seconds`."""
 
+    def begin(self, work: bytes, blobs: Sequence[bytes]) -> bool:
+        """Begin tasks, of which `arrivals` takes those that are the same objects as here. Whether it does
+        that."""
+
     def arrivals(self, work: bytes, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]: ...
 
 
 @dataclass(frozen=True)
 class Workers:
-    """A pool that runs tasks. `engine` None: the tasks run in this process."""
+    """A pool that runs tasks. `engine` None: the tasks run in this process. `begun` are tasks with their
+    bytes, by their identity."""
 
     engine: Engine | None = None
+    begun: dict[int, tuple[Any, bytes]] = field(default_factory=dict)
+
+    def begin(
+        self, work: Callable[[Task], Result], tasks: Sequence[Task], *, seconds: float = math.inf
+    ) -> None:
+        """Begin tasks beside what this process does next, where that saves time: `map` over the same objects
+        then takes what has become of them. Raises DaestError `task-not-sendable`."""
+        if self.engine is None or self.engine.gain(len(tasks) + 1, seconds) <= 0.0:
+            return
+        blobs = [packed(task) for task in tasks]
+        if self.engine.begin(packed(work), blobs):
+            self.begun.update({id(task): (task, blob) for task, blob in zip(tasks, blobs, strict=True)})
 
     def map(
         self,
@@ -109,7 +127,8 @@ class Workers:
         this process. Raises OutOfTimeError at the deadline, which workers do not know of, and
         DaestError `worker-lost`, `task-not-sendable` and ConfigError `cluster-differs`, `cluster-lost`.
         """
-        if self.engine is None or self.engine.gain(len(tasks), seconds) <= 0.0:
+        known = [self.begun.pop(id(task), None) for task in tasks]
+        if self.engine is None or (not any(known) and self.engine.gain(len(tasks), seconds) <= 0.0):
             for number, task in enumerate(tasks):
                 deadline.check()
                 here = outcome_of(work, task)
@@ -118,7 +137,7 @@ class Workers:
             return
         waiting: dict[int, Outcome[Result]] = {}
         following = 0
-        blobs = [packed(task) for task in tasks]
+        blobs = [one[1] if one else packed(task) for one, task in zip(known, tasks, strict=True)]
         with closing(self.engine.arrivals(packed(work), blobs)) as arrivals:
             for number, blob in arrivals:
                 waiting[number] = unpacked(blob)
@@ -223,15 +242,42 @@ _copies: list[ProcessPoolExecutor] = []  # pools that work or wait for work
 @dataclass(frozen=True)
 class _Processes:
     """Copies of this process for the time of a block, where that is safe: they start at once and know all
-    that it knows. Else joblib's processes, which stay for later tasks."""
+    that it knows. Else joblib's processes, which stay for later tasks. While this process works itself,
+    copies take the tasks `ahead` on other processors; `begun` are those that they have begun."""
 
     jobs: int
     copies: list[ProcessPoolExecutor] = field(default_factory=list)  # one at most
+    ahead: deque[tuple[bytes, bytes]] = field(default_factory=deque)  # work and task
+    begun: dict[bytes, Any] = field(default_factory=dict)
+    beginning: Lock = field(default_factory=Lock)
 
     def gain(self, n_tasks: int, seconds: float) -> float:
         n_rounds = math.ceil(n_tasks / self.jobs)
         start = COPY_SECONDS if self.copies or _may_copy() else START_SECONDS
         return (n_tasks - n_rounds) * seconds - start if n_tasks > n_rounds else 0.0
+
+    def begin(self, work: bytes, blobs: Sequence[bytes]) -> bool:
+        if not self.copies and not _may_copy():
+            return False
+        with self.beginning:
+            self.ahead.extend((work, blob) for blob in blobs)
+            busy = sum(not future.done() for future in self.begun.values())
+        for _ in range(max(self.jobs - 1, 1) - busy):
+            self._follow(self._pool())
+        return True
+
+    def _follow(self, pool: Any) -> None:
+        """Begin the first of the tasks `ahead`, and when that is done the next one."""
+        with self.beginning:
+            if not self.ahead:
+                return
+            work, blob = self.ahead.popleft()
+            try:
+                future = pool.submit(run_packed, work, blob)
+            except RuntimeError:  # the pool has come to its end
+                return
+            self.begun[blob] = future
+        future.add_done_callback(lambda _: self._follow(pool))
 
     def arrivals(self, work: bytes, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]:
         """If one worker dies, the whole pool breaks: tasks without an outcome are started again."""
@@ -250,12 +296,17 @@ class _Processes:
 
     def _round(self, work: bytes, blobs: dict[int, bytes]) -> Iterator[tuple[int, bytes]]:
         pool = self._pool()
-        following = iter(list(blobs.items()))
-        running: dict[Any, int] = {}
+        with self.beginning:
+            wanted = {id(blob) for blob in blobs.values()}
+            others = [one for one in self.ahead if id(one[1]) not in wanted]
+            self.ahead.clear()
+            self.ahead.extend(others)
+            running = {self.begun.pop(blob): number for number, blob in blobs.items() if blob in self.begun}
+        following = iter([item for item in blobs.items() if item[0] not in running.values()])
         try:
             while True:
                 # As many as there are processes: those that wait inside the pool cannot be given up cleanly.
-                for number, blob in islice(following, self.jobs - len(running)):
+                for number, blob in islice(following, max(self.jobs - len(running), 0)):
                     running[pool.submit(run_packed, work, blob)] = number
                 if not running:
                     return
@@ -290,6 +341,10 @@ class _Processes:
 
     def end_copies(self, *, at_once: bool = False) -> None:
         """End the copies; `at_once` in the middle of their work."""
+        with self.beginning:
+            self.ahead.clear()
+            at_once = at_once or any(not future.done() for future in self.begun.values())
+            self.begun.clear()
         while self.copies:
             pool = self.copies.pop()
             _copies.remove(pool)
@@ -423,6 +478,10 @@ class _Cluster:
 
     def gain(self, n_tasks: int, seconds: float) -> float:
         return math.inf
+
+    def begin(self, work: bytes, blobs: Sequence[bytes]) -> bool:
+        """It does not: a cluster has all tasks of a stage at once."""
+        return False
 
     def arrivals(self, work: bytes, blobs: Sequence[bytes]) -> Generator[tuple[int, bytes]]:
         expected, following = versions(), iter(enumerate(blobs))

@@ -14,7 +14,7 @@ import functools
 
 import numpy as np
 
-from daest.numerics.compiler import effort, loaded, pointer, processor_flags, text_of
+from daest.numerics.compiler import FAST, effort, loaded, pointer, processor_flags, text_of
 
 MOST_COMPILED = 16  # states; of more, blocked products are faster
 SHORT = 48  # up to this many samples the plain loop is as fast as blocks
@@ -88,7 +88,7 @@ def _compiled(A: np.ndarray, drive: np.ndarray, states: np.ndarray) -> bool:
 def _library() -> ctypes.CDLL | None:
     """The compiled steps; None without a C compiler."""
     source = text_of("recursions.c")
-    library = loaded(source, "recursions", (effort(source, "-O3"), *processor_flags()))
+    library = loaded(source, "recursions", (effort(source, "-O2"), *FAST, *processor_flags()))
     if library is not None:
         library.daest_recursion.restype = library.daest_products.restype = None
     return library

@@ -21,6 +21,7 @@ from daest.numerics.exponential import (
     transition_integrals,
 )
 from daest.numerics.recursions import linear_recursion
+from daest.numerics.tables import turned
 from daest.systems.state_space import state_space, state_space_derivatives
 
 
@@ -74,14 +75,14 @@ class AffineSteps:
         ss = self.matrices
         drive = self._driven(self.integrals, ss.B, ss.b, inputs)
         if gain is not None:
-            known = gain.measurements - inputs.sampled @ ss.D.T - ss.d
-            drive = drive + known[:-1] @ (self.integrals.transition @ gain.gain).T
+            known = gain.measurements - inputs.sampled @ turned(ss.D) - ss.d
+            drive = drive + known[:-1] @ turned(self.integrals.transition @ gain.gain)
         return linear_recursion(self._closed(gain), drive, x0)
 
     def outputs(self, states: np.ndarray, inputs: DrivenBy) -> np.ndarray:
         """(n_samples, n_y) of states (n_samples, n)."""
         ss = self.matrices
-        return states @ ss.C.T + inputs.sampled @ ss.D.T + ss.d
+        return states @ turned(ss.C) + inputs.sampled @ turned(ss.D) + ss.d
 
     def slopes(
         self, inputs: DrivenBy, states: np.ndarray, outputs: np.ndarray, gain: Gain | None
@@ -93,19 +94,19 @@ class AffineSteps:
         error = None if gain is None else gain.measurements - outputs
         ones = np.ones((n_samples, 1))
         direct = np.concatenate([by["C"], by["D"], by["d"][:, :, None]], axis=2)
-        straight = np.hstack([states, inputs.sampled, ones]) @ _turned(direct)
-        corrected = states if gain is None or error is None else states + error @ gain.gain.T
+        straight = np.hstack([states, inputs.sampled, ones]) @ turned(direct)
+        corrected = states if gain is None or error is None else states + error @ turned(gain.gain)
         # What drives the parameters is one product with all signals of an interval beside each other.
         signals = np.hstack([corrected[:-1], *inputs.courses, ones[1:]])
         moves = [self.change.transition, *self._moved_by(inputs, by)]
         drive = np.zeros((p + n + n_gain, n_samples - 1, n))
-        np.matmul(signals, _turned(np.concatenate(moves, axis=2)), out=drive[:p])
+        np.matmul(signals, turned(np.concatenate(moves, axis=2)), out=drive[:p])
         if gain is not None and error is not None:
-            drive[:p] -= straight[:, :-1] @ (self.integrals.transition @ gain.gain).T
-            drive[p + n :] = error[:-1] @ _turned(self.integrals.transition @ gain.slopes)
+            drive[:p] -= straight[:, :-1] @ turned(self.integrals.transition @ gain.gain)
+            drive[p + n :] = error[:-1] @ turned(self.integrals.transition @ gain.slopes)
         start = np.zeros((drive.shape[0], n))
         start[p : p + n] = np.eye(n)
-        found = linear_recursion(self._closed(gain), drive, start) @ ss.C.T
+        found = linear_recursion(self._closed(gain), drive, start) @ turned(ss.C)
         found[:p] += straight
         return found
 
@@ -128,7 +129,7 @@ class AffineSteps:
         (B, b): either may have a leading axis of derivatives."""
         offset = (integrals.first @ b[..., None])[..., 0]
         pairs = zip(inputs.courses, inputs.weights(integrals), strict=True)
-        return np.asarray(sum((u @ _turned(held @ B) for u, held in pairs), offset[..., None, :]))
+        return np.asarray(sum((u @ turned(held @ B) for u, held in pairs), offset[..., None, :]))
 
 
 def affine_steps(
@@ -141,7 +142,3 @@ def affine_steps(
     integrals = transition_integrals(ss.A, period, count)
     change = transition_integral_derivatives(ss.A, by_theta["A"], period, count)
     return AffineSteps(ss, integrals, by_theta, change)
-
-
-def _turned(matrices: np.ndarray) -> np.ndarray:
-    return np.swapaxes(matrices, -1, -2)

@@ -25,6 +25,7 @@ from daest.model.flat import Dynamics, ExplicitModel, events_refused
 from daest.model.holds import SMOOTH, Hold, held_inputs, interval_ends, spline_slopes
 from daest.model.linear import StateSpaceFamily
 from daest.numerics.compiler import (
+    FAST,
     MOST_LINES,
     build_object,
     build_shared,
@@ -62,8 +63,6 @@ from daest.systems.tolerances import SOLVER
 SEARCH_STEPS, SEARCH_STEPS_PER_SAMPLE = 20_000, 50
 ALL_STEPS = 2_000_000_000  # of a simulation, which stops where its end is out of reach
 MOST_COMPILED = 32  # integrators that are kept for models with the same functions
-# Beside -O2: 10 to 20 % faster than -O3, and compiled in four fifths of its time (five laws of a servo).
-FAST = ("-ftree-vectorize", "-fpeel-loops", "-fno-math-errno", "-fno-semantic-interposition")
 INTERPRETED_STEPS = 4  # per sample interval, without a C compiler
 
 
