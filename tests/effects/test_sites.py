@@ -15,7 +15,8 @@ from daest.modelica.attach import attach
 from daest.modelica.balances import balances
 from daest.modelica.compile import compile_model, compile_text
 from daest.modelica.effects import effect_library, find_effect
-from daest.modelica.sites import find_site, fits, sites
+from daest.modelica.extend import extend_model
+from daest.modelica.sites import find_site, fits, number_of, sites
 
 SERVO = Path(__file__).resolve().parents[2] / "examples" / "servo" / "Servo.mo"
 
@@ -259,3 +260,34 @@ def test_model_without_places() -> None:
     assert {s.kind for s in sites(flat)} == {"input", "output"}
     with pytest.raises(ModelError, match="fit"):
         find_site(flat, "u", find_effect("Rotational.CoulombFriction"))
+
+
+COUPLED = """model Arm "Two links, whose inertias are coupled"
+  parameter Real a(unit = "kg.m2") = 0.4;
+  parameter Real b(unit = "kg.m2") = 0.1;
+  input Real t1(unit = "N.m");
+  input Real t2(unit = "N.m");
+  output Real y(unit = "rad") = q2;
+  Real q1(unit = "rad"), q2(unit = "rad"), w1(unit = "rad/s"), w2(unit = "rad/s");
+equation
+  der(q1) = w1;
+  der(q2) = w2;
+  a*der(w1) + b*cos(q2)*der(w2) = t1;
+  b*cos(q2)*der(w1) + b*der(w2) = t2;
+end Arm;
+"""
+
+
+def test_an_effect_in_one_of_coupled_equations_does_not_move_the_next_one(tmp_path) -> None:
+    """Both equations hold the rates of both speeds, and get other rows when an effect is put in."""
+    (tmp_path / "Arm.mo").write_text(COUPLED)
+    flat = compile_model(tmp_path / "Arm.mo")
+    effect = find_effect("Rotational.CoulombFriction")
+    first, second = (find_site(flat, name, effect) for name in ("2:w1", "3:w2"))
+    made = extend_model(tmp_path / "Arm.mo", "Arm", effect, first)
+    numbers = [number_of(flat, site, effect) for site in (first, second)]
+    assert numbers == [0, 1]
+    found = [find_site(made.flat, "3:w2", effect, number) for number in numbers]
+    assert [site.aliases[0].endswith(end) for site, end in zip(found, ("= t1", "= t2"), strict=True)] == [
+        True
+    ] * 2

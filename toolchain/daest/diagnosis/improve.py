@@ -259,11 +259,7 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
             path = _with_best(task, path, diagnosis)
         return [_late(task, replace(path, last=diagnosis), "all candidates of a round were refitted")]
     if not accepted:
-        other = (
-            _with_rounder_kinks(task, path, diagnosis)
-            or _exchanged(task, path, diagnosis)
-            or _with_pair(task, path, diagnosis)
-        )
+        other = _exchanged(task, path, diagnosis) or _with_pair(task, path, diagnosis)
         if other is not None:
             return [other]
         return _beside_lag(task, path, diagnosis) or [path.ended(diagnosis, diagnosis.message)]
@@ -288,7 +284,7 @@ def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _
     task.progress(f"added {proof.candidate.label}")
     grown = _Path(accept(path.stand, proof, task.options.jobs), (*path.steps, step))
     with suppress(OutOfTimeError), until(task.options.until):
-        grown = _without_superfluous(task, grown)
+        grown = _with_kinks(task, _without_superfluous(task, grown))
     if len(grown.steps) - len(task.first) >= task.most_effects:
         return grown.ended(diagnosis, f"The limit of {task.most_effects} effects is reached.")
     return grown
@@ -299,23 +295,24 @@ def _remark(proof: Proof) -> str:
     return f"not separable from {others}" if others else "supported"
 
 
-def _with_rounder_kinks(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
-    """The path with the kinks of its effects as the recordings have them; None where something else is
-    missing, or nothing."""
-    last, proofs = path.steps[-1], [step.proof for step in path.steps if step.proof is not None]
-    if diagnosis.verdict == "nothing missing" or last.proof is None or task.options.is_over:
-        return None
+def _with_kinks(task: _Task, path: _Path) -> _Path:
+    """The path with the kinks of its effects as the recordings have them, now that there are several: what is
+    left at the kink of one would be taken for a further law of its kind."""
+    proofs = [step.proof for step in path.steps if step.proof is not None]
+    if len(proofs) < 2:
+        return path
     try:
-        with until(task.options.until):
-            stand = with_kinks(path.stand, [proof.candidate for proof in proofs])
-    except (*FAILURES, OutOfTimeError):
-        return None
+        stand = with_kinks(path.stand, [proof.candidate for proof in proofs])
+    except FAILURES:
+        return path
     if stand is None:
-        return None
-    task.progress("refitted with the kinks of its effects")
-    proof = replace(last.proof, flat=stand.null.flat, fit=stand.baseline, final=stand.told)
+        return path
+    last, proof = (
+        path.steps[-1],
+        replace(proofs[-1], flat=stand.null.flat, fit=stand.baseline, final=stand.told),
+    )
     step = replace(last, proof=proof, fit=stand.told, remark=f"{last.remark}; kinks refitted beside it")
-    return _Path(stand, (*path.steps[:-1], step))
+    return replace(path, stand=stand, steps=(*path.steps[:-1], step))
 
 
 def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:

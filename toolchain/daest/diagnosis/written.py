@@ -21,7 +21,7 @@ from daest.modelica.attach import free_name, names_of
 from daest.modelica.change import declare
 from daest.modelica.compile import compile_model
 from daest.modelica.extend import CurveText, Extension, extend_by_curve, extend_model
-from daest.modelica.sites import find_site
+from daest.modelica.sites import find_site, number_of
 
 NO_TEXT = "an FMU holds equations, not the Modelica text that could be extended"
 LOAD_FILE = "unknown_effect.mo"
@@ -79,7 +79,12 @@ def _written(
         path,
         class_name,
         candidate.effect,
-        find_site(flat, with_names(candidate.site.name, names), candidate.effect),
+        find_site(
+            flat,
+            with_names(candidate.site.name, names),
+            candidate.effect,
+            number_of(proof.flat, candidate.site, candidate.effect),
+        ),
         values=_own_values(proof),
         inputs=inputs,
         parameters=_changed(flat, proof.told.theta, names),

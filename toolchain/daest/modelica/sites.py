@@ -179,9 +179,10 @@ def fits(effect: Effect, site: Site) -> bool:
     )
 
 
-def find_site(flat: Model, name: str, effect: Effect | None = None) -> Site:
+def find_site(flat: Model, name: str, effect: Effect | None = None, number: int = 0) -> Site:
     """The place called `name` (a site, one of its aliases, or two connectors `a, b`), where `effect` fits if
-    it is given: a component means its first connector to an effect in series.
+    it is given: a component means its first connector to an effect in series. Of a bare equation that has
+    another row than its name tells, `number` counts among those for the same variable (`number_of`).
 
     Raises ModelError `effect-place` for an unknown place with the nearest names, `effect-fit` for one where
     the effect does not fit, with the places where it does.
@@ -197,9 +198,8 @@ def find_site(flat: Model, name: str, effect: Effect | None = None) -> Site:
         bodies = ", ".join(part.rpartition(":")[2] for part in wanted.split(", "))
         between = [s for s in known if s.kind in ("exchange", "force", "mesh") and s not in found]
         found += [s for s in between if bodies == s.aliases[-1]]
-        found += [s for s in own if wanted == s.name] or [
-            s for s in own if variable == s.aliases[1] and fits(effect, s)
-        ]
+        alike = [s for s in own if variable == s.aliases[1] and fits(effect, s)]
+        found += [s for s in own if wanted == s.name] or alike[number : number + 1] or alike
     if effect is not None and effect.attach == "series":
         found += _first_connector(found, known)
     if not found:
@@ -210,6 +210,16 @@ def find_site(flat: Model, name: str, effect: Effect | None = None) -> Site:
     if not fitting:
         raise _unfit(effect, found[0], known)
     return fitting[0]
+
+
+def number_of(flat: Model, site: Site, effect: Effect) -> int:
+    """Which of the bare equations for its variable a site of the model is, from 0: coupled masses give the
+    rate of a speed in several. What is put in elsewhere changes their rows, and not their order."""
+    if not isinstance(flat, FlatModel) or site.kind != "equation":
+        return 0
+    own = [s for s in _equations(flat, effect.domain) if s.aliases[1] == site.aliases[1]]
+    alike = [s.name for s in own if fits(effect, s)]
+    return alike.index(site.name) if site.name in alike else 0
 
 
 def find_effect_site(flat: Model, effects: Sequence[Effect], place: str) -> tuple[Effect, Site]:
