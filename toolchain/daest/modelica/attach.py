@@ -325,10 +325,11 @@ class _Assembly:
 
     def _join(self, member: _Member, own: str, connector: str) -> None:
         """The effect's connector `own` joins the connection set of `connector`."""
-        target, domain = self._connectors[connector], member.effect.domain
-        full = f"{connector}.{_VARIABLES[domain][0]}"
+        target = self._connectors[connector]
         name, symbol = member.local(own, 0)
-        self._connect(full, self._symbol[full], name, symbol)
+        self._connect(
+            *_potential_of(self.unknowns[target.potential], self.xi[target.potential]), name, symbol
+        )
         flow_name, flow = member.local(own, 1)
         row = self._flow_rows[connector]
         sign = self._orientation(row, target.flow)
@@ -359,13 +360,12 @@ class _Assembly:
     def _in_series(self, member: _Member, connector: str) -> None:
         """The connections of `connector` go to the effect's first connector, its second one to
         `connector`."""
-        domain = member.effect.domain
         first, second = member.effect.connectors
         row = self._flow_rows[connector]
         self._rename(row, connector, member, first)
         for at in self._rows_of_potential(connector, row):
             self._rename(at, connector, member, first)
-        full, flow = (f"{connector}.{variable}" for variable in _VARIABLES[domain])
+        full, flow = self._names_of(connector)
         end, end_symbol = member.local(second, 0)
         self._connect(end, end_symbol, full, self._symbol[full])
         end_flow, end_flow_symbol = member.local(second, 1)
@@ -375,14 +375,19 @@ class _Assembly:
         self._flow_rows[connector] = len(self.equations) - 1
         self._potentials()[connector] = [len(self.equations) - 2]
 
+    def _names_of(self, connector: str) -> tuple[str, str]:
+        """The potential and the flow of a connector of the model."""
+        known = self._connectors[connector]
+        return self.unknowns[known.potential].name, self.unknowns[known.flow].name
+
     def _rename(self, row: int, connector: str, member: _Member, own: str) -> None:
         """The row with the variables of `connector` replaced by those of the effect's connector `own`."""
         old = self.equations[row]
         replaced, text = self.residual[row], old.text
-        for kind, variable in enumerate(_VARIABLES[member.effect.domain]):
+        for kind, former in enumerate(self._names_of(connector)):
             name, symbol = member.local(own, kind)
-            replaced = ca.substitute(replaced, self._symbol[f"{connector}.{variable}"], symbol)
-            text = _renamed(text, f"{connector}.{variable}", name)
+            replaced = ca.substitute(replaced, self._symbol[former], symbol)
+            text = _renamed(text, former, name)
         origin = ", ".join(
             f"{member.name}.{own}" if one == connector else one for one in old.origin.split(", ")
         )

@@ -1,5 +1,5 @@
-"""Connectors of physical domains, known by the names of their two variables; and members of expandable
-connectors that nothing uses: they are no variables of the model (Language Specification 9.1.3)."""
+"""Connectors of physical domains, known by the names of their two variables or by their units; and members of
+expandable connectors that nothing uses: they are no variables of the model (Language Specification 9.1.3)."""
 
 from __future__ import annotations
 
@@ -20,6 +20,16 @@ DOMAINS: dict[tuple[str, str], Domain] = {
     ("p", "q"): "hydraulic",
 }
 
+# The same by units, for a connector that calls them otherwise.
+_UNITS: dict[tuple[str, str], Domain] = {
+    ("rad", "N.m"): "rotational",
+    ("m", "N"): "translational",
+    ("V", "A"): "electrical",
+    ("K", "W"): "thermal",
+    ("degC", "W"): "thermal",
+    ("Pa", "m3/s"): "hydraulic",
+}
+
 
 @dataclass(frozen=True)
 class Connector:
@@ -37,17 +47,25 @@ class Connector:
 
 
 def connectors_of(unknowns: Sequence[Variable]) -> dict[str, Connector]:
-    """All connectors among the unknowns whose variables have the names of a domain, by name, in their
-    order."""
-    position = {unknown.name: i for i, unknown in enumerate(unknowns)}
-    found: dict[str, Connector] = {}
+    """All connectors among the unknowns whose variables have the names of a domain, or are one potential and
+    one flow in its units, by name, in their order."""
+    members: dict[str, list[int]] = {}
     for i, unknown in enumerate(unknowns):
+        members.setdefault(unknown.name.rpartition(".")[0], []).append(i)
+    found: dict[str, Connector] = {}
+    for flow, unknown in enumerate(unknowns):
         if not unknown.is_flow:
             continue
-        name, _, flow = unknown.name.rpartition(".")
+        name, _, own = unknown.name.rpartition(".")
+        others = {unknowns[i].name.rpartition(".")[2]: i for i in members[name]}
         for (potential, wanted), domain in DOMAINS.items():
-            if flow == wanted and f"{name}.{potential}" in position:
-                found[name] = Connector(name, domain, position[f"{name}.{potential}"], i)
+            if own == wanted and potential in others:
+                found[name] = Connector(name, domain, others[potential], flow)
+        if name not in found and name and len(others) == 2:
+            (other,) = (i for i in members[name] if i != flow)
+            by_unit = _UNITS.get((unknowns[other].unit, unknown.unit))
+            if by_unit is not None:
+                found[name] = Connector(name, by_unit, other, flow)
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,8 +18,10 @@ from daest.modelica.attach import attach, component_name, free_name, given_sourc
 from daest.modelica.balances import balances
 from daest.modelica.compile import compile_text
 from daest.modelica.compiler import modification
+from daest.modelica.connectors import connectors_of
 from daest.modelica.effects import effect_model
 from daest.modelica.internal_forces import internal_forces
+from daest.modelica.joints import joint, needs_joint
 from daest.modelica.meshes import meshes
 from daest.modelica.opened import (
     NotOpened,
@@ -59,6 +62,7 @@ _LOADS = {
     "hydraulic": ("Daest.Effects.Hydraulic.LearnedFlow", "port"),
 }  # class of a learned load, and its connector
 _LEARNED = "learned"
+_CONNECTION = re.compile(r"connect\((.+), (.+)\);")
 _INPUT = "Daest.Blocks.Interfaces.RealInput"
 
 
@@ -102,6 +106,12 @@ class _Draft:
 
     def connect(self, left: str, right: str) -> None:
         self.equations.append(f"connect({left}, {right});")
+
+    @property
+    def connections(self) -> dict[int, tuple[str, str]]:
+        """The ends of the connections by their numbers among the equations."""
+        found = ((i, _CONNECTION.fullmatch(text)) for i, text in enumerate(self.equations))
+        return {i: (match[1], match[2]) for i, match in found if match}
 
     def replace(self, clause: ConnectClause) -> None:
         self.changes.append(f"break connect({clause.left}, {clause.right})")
@@ -241,6 +251,7 @@ def _extension(
 ) -> Extension:
     """The text of class `name`, compiled."""
     source = original.source
+    _join(draft, original, component)
     added = _class_text(name, original, about, draft)
     text = added if within(source) else source.decode().replace("\r\n", "\n").rstrip() + "\n\n" + added
     # A file of the original's name would take its place among the files of the library.
@@ -248,6 +259,28 @@ def _extension(
     file = Path(target or beside)
     compiled = compile_text(text.encode(), file, name, _roots(original, libraries))
     return Extension(text, name, added, component, compiled)
+
+
+def _join(draft: _Draft, original: _Original, component: str) -> None:
+    """Joints in the connections to connectors that call their variables otherwise than the library."""
+    known = connectors_of(original.flat.unknowns)
+    odd = {name: one for name, one in known.items() if needs_joint(original.flat, one)}
+    for i, (left, right) in draft.connections.items():
+        ends = [end for end in (left, right) if end in odd]
+        if not ends:
+            continue
+        (end,), (other,) = ends, [one for one in (left, right) if one not in ends]
+        made = joint(
+            original.source, original.head.name, original.flat, odd[end], f"{component}_joint{i or ''}"
+        )
+        if made is None:
+            raise original.refusal(
+                f"the class of the connector `{end}` is not in this file",
+                "Put the effect into a class of the file that declares the connector.",
+            )
+        draft.declarations.append(made.text)
+        draft.equations[i] = f"connect({other}, {made.port});"
+        draft.connect(made.own, end)
 
 
 def _roots(original: _Original, libraries: Sequence[str | Path]) -> tuple[str | Path, ...]:

@@ -1,0 +1,84 @@
+"""Connectors that call their variables otherwise than the library: known by their units, and joined."""
+
+import pytest
+from effect_rig import characteristic, finite_poles
+
+from daest.errors import ModelError
+from daest.modelica.attach import attach
+from daest.modelica.compile import compile_model
+from daest.modelica.effects import find_effect
+from daest.modelica.extend import extend_model
+from daest.modelica.sites import find_site, sites
+
+OWN = """package Own "Connectors with names of their own"
+  connector Heat Real T(unit = "degC"); flow Real Q(unit = "W"); end Heat;
+  connector Pole Real u(unit = "V"); flow Real j(unit = "A"); end Pole;
+  connector Shaft Real angle(unit = "rad"); flow Real torque(unit = "N.m"); end Shaft;
+  connector Bus Real x(unit = "1"); flow Real y(unit = "1"); end Bus;
+  model Body Heat h; parameter Real C(unit = "J/K") = 50; equation C*der(h.T) = h.Q; end Body;
+  model Wall Heat a; Heat b; parameter Real G(unit = "W/K") = 2; equation
+    a.Q = G*(a.T - b.T); a.Q + b.Q = 0; end Wall;
+  model Outside Heat h; equation h.T = 10; end Outside;
+  model Source Pole p; Pole n; input Real u(unit = "V"); equation p.u - n.u = u; p.j + n.j = 0; end Source;
+  model Coil Pole p; Pole n; Shaft shaft; equation
+    p.u - n.u = 3*p.j + 0.1*der(p.j) + 0.4*der(shaft.angle); p.j + n.j = 0; shaft.torque = -0.4*p.j; end Coil;
+  model Earth Pole p; equation p.u = 0; end Earth;
+  model Disc Shaft shaft; Real w(unit = "rad/s"); equation
+    w = der(shaft.angle); 0.02*der(w) = shaft.torque - 0.01*w; end Disc;
+  model Port Bus bus; equation bus.x = 1; end Port;
+  model Machine "A motor, and a room beside it"
+    input Real u(unit = "V");
+    output Real w(unit = "rad/s") = disc.w;
+    output Real T(unit = "degC") = room.h.T;
+    Body room; Wall wall; Outside outside; Source source(u = u); Coil coil; Earth earth; Disc disc; Port port;
+  equation
+    connect(room.h, wall.a); connect(wall.b, outside.h);
+    connect(source.p, coil.p); connect(coil.n, earth.p); connect(source.n, earth.p);
+    connect(coil.shaft, disc.shaft);
+  end Machine;
+end Own;
+"""
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    file = tmp_path_factory.mktemp("own") / "Own.mo"
+    file.write_text(OWN)
+    return file
+
+
+def test_connectors_are_known_by_their_units(own):
+    found = {s.domain for s in sites(compile_model(own, "Own.Machine")) if s.connectors or s.kind == "node"}
+    assert found == {"thermal", "electrical", "rotational"}
+
+
+@pytest.mark.parametrize(
+    ("effect", "place", "n_joints"),
+    [
+        ("Thermal.HeatLoss", "room.h", 1),
+        ("Thermal.Conduction", "room.h, outside.h", 2),
+        ("Rotational.CoulombFriction", "disc.shaft", 1),
+        ("Electrical.BrushVoltageDrop", "coil.p", 2),
+        ("Electrical.Leakage", "coil", 2),
+    ],
+)
+def test_written_model_has_the_equations_of_the_attached_effect(own, effect, place, n_joints):
+    flat = compile_model(own, "Own.Machine")
+    law = find_effect(effect)
+    site = find_site(flat, place, law)
+    values = {p.name: 0.7 * (p.start or 1.0) for p in law.sizes}
+    made = extend_model(own, "Own.Machine", law, site, values=values)
+    assert made.added.count('"Joins connectors whose variables have other names"') == n_joints
+    merged = attach(flat, law, site, values=values)
+    assert finite_poles(made.flat) == pytest.approx(finite_poles(merged), rel=1e-6, abs=1e-9)
+    assert characteristic(made.flat) == pytest.approx(characteristic(merged), rel=1e-6)
+
+
+def test_connector_whose_class_is_in_another_file_is_refused(own, tmp_path):
+    file = tmp_path / "Plant.mo"
+    file.write_text("model Plant extends Own.Machine; end Plant;")
+    flat = compile_model(file, "Plant", [own.parent])
+    law = find_effect("Thermal.HeatLoss")
+    with pytest.raises(ModelError) as caught:
+        extend_model(file, "Plant", law, find_site(flat, "room.h", law), libraries=[own.parent])
+    assert caught.value.code == "effect-not-writable" and "is not in this file" in caught.value.what

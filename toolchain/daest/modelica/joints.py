@@ -1,0 +1,70 @@
+"""Joints between the connectors of a model that call their variables otherwise, such as a temperature `T`
+and a heat flow `Q`, and those of the library: components with one connector of either kind."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from daest.model.effects import Domain
+from daest.model.flat import FlatModel
+from daest.modelica.components import Classes
+from daest.modelica.connectors import DOMAINS, Connector
+from daest.modelica.outline import class_heads
+
+ZERO_CELSIUS = 273.15
+_PORTS: dict[Domain, str] = {
+    "rotational": "Daest.Mechanics.Rotational.Interfaces.Flange_b",
+    "translational": "Daest.Mechanics.Translational.Interfaces.Flange_b",
+    "electrical": "Daest.Electrical.Analog.Interfaces.NegativePin",
+    "thermal": "Daest.Thermal.HeatTransfer.Interfaces.HeatPort_b",
+    "hydraulic": "Daest.Hydraulic.Interfaces.Port_b",
+}
+_NAMES = {domain: names for names, domain in DOMAINS.items()}
+
+
+@dataclass(frozen=True)
+class Joint:
+    """The text of the class of a joint and of the component, whose connectors are `own` and `port`."""
+
+    text: str
+    own: str
+    port: str
+
+
+def needs_joint(flat: FlatModel, connector: Connector) -> bool:
+    """Whether the variables of a connector have other names than those of the library."""
+    return _variables(flat, connector) != _NAMES[connector.domain]
+
+
+def joint(source: bytes, class_name: str, flat: FlatModel, connector: Connector, name: str) -> Joint | None:
+    """The joint `name` for a connector of class `class_name` of the text; None where the text does not hold
+    the class of the connector."""
+    heads = {head.name for head in class_heads(source)}
+    classes = Classes(lambda full: source if full in heads else None)
+    scope: str | None = class_name
+    for part in connector.name.split("."):
+        found = None if scope is None else classes.component(part, scope)
+        scope = None if found is None else classes.type_of(found)
+    if scope is None:
+        return None
+    potential, flow = _variables(flat, connector)
+    wanted, wanted_flow = _NAMES[connector.domain]
+    is_celsius = flat.unknowns[connector.potential].unit == "degC"
+    kind = name[:1].upper() + name[1:]
+    lines = (
+        f'model {kind} "Joins connectors whose variables have other names"',
+        f"  {scope} own;",
+        f"  {_PORTS[connector.domain]} port;",
+        "equation",
+        f"  port.{wanted} = own.{potential}{f' + {ZERO_CELSIUS}' if is_celsius else ''};",
+        f"  own.{flow} + port.{wanted_flow} = 0;",
+        f"end {kind};",
+        f"{kind} {name};",
+    )
+    return Joint("\n".join(lines), f"{name}.own", f"{name}.port")
+
+
+def _variables(flat: FlatModel, connector: Connector) -> tuple[str, str]:
+    """The names of its potential and of its flow."""
+    own = (flat.unknowns[i].name.rpartition(".")[2] for i in (connector.potential, connector.flow))
+    return next(own), next(own)
