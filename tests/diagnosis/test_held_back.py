@@ -2,15 +2,18 @@
 
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.held_back import lag_in_the_way
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
 from daest.model.experiment import Experiment
+from daest.model.fit import Agreement, FittedNoise
 from daest.modelica.compile import compile_text
 from daest.modelica.effects import effect_library
 
@@ -128,3 +131,17 @@ def test_radiation_is_found_behind_a_slow_thermocouple():
     own = sizes(accepted)
     assert own["Radiation"].value == pytest.approx(area, rel=0.01)
     assert own["Lag"].value == pytest.approx(late, rel=0.05)
+
+
+@pytest.mark.parametrize("error, is_looked_beside", [(0.06, False), (1.4, True)])
+def test_lag_is_looked_beside_where_it_leaves_errors_far_above_the_noise(error, is_looked_beside):
+    lag = SimpleNamespace(
+        verdict="rejected",
+        candidate=SimpleNamespace(is_dynamic=True, is_of_signal=True, effect=SimpleNamespace(n_states=1)),
+        delta_bic=400.0,
+        left=SimpleNamespace(p_value=0.5, log_likelihood_gain=1.0),
+        fit=SimpleNamespace(noises=[FittedNoise("T", "measurement", 0.05, None, "degC", True)]),
+        told=SimpleNamespace(simulated={"validation": Agreement({"T": None}, {"T": error})}),
+    )
+    found = lag_in_the_way(SimpleNamespace(proofs=(lag,)))
+    assert (found is lag) == is_looked_beside

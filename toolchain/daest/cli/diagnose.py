@@ -217,7 +217,7 @@ def opened(
     drive = _sufficient(flat, estimation, validation, project, data_choice)
     fit = _earlier_fit(project, source, loaded, drive.estimation)
     options = _options(flat, folders, search, drive.hold, fit)
-    options = replace(options, clipped=clips_of(estimation), held=drive.held)
+    options = replace(options, clipped=clips_of([*estimation, *validation]), held=drive.held)
     straight = _straight(flat, drive.hold) if drive.held is None else ()
     remarks = (*(() if fit is None else fit.remarks), *drive.remarks, *straight)
     if fit is None and flat.parameters and not any(p.estimate for p in flat.parameters):

@@ -36,17 +36,28 @@ class Clip:
 
 
 def clips_of(experiments: Sequence[Experiment]) -> dict[str, Clip]:
-    """The limits at which outputs stay in the recordings, by output."""
+    """The limits at which outputs stay in the recordings, by output: those of each, and of all one after the
+    other, since a sensor may come to its limit once in each of them."""
     found: dict[str, Clip] = {}
-    for experiment in experiments:
-        for name, values in zip(experiment.output_names, experiment.outputs.T, strict=True):
-            known = np.isfinite(values)
-            samples = Samples(name, "output", experiment.time[known], values[known])
-            others = [found[name]] if name in found else []
-            clips = [*others, *_clips(samples)]
-            if clips:
-                found[name] = max(clips, key=lambda one: (one.is_certain, one.limit))
+    for name in experiments[0].output_names if experiments else ():
+        each = [_samples_of(name, [one]) for one in experiments]
+        together = [_samples_of(name, experiments)] if len(experiments) > 1 else []
+        clips = [clip for samples in (*each, *together) for clip in _clips(samples)]
+        if clips:
+            found[name] = max(clips, key=lambda one: (one.is_certain, one.limit))
     return found
+
+
+def _samples_of(name: str, experiments: Sequence[Experiment]) -> Samples:
+    """What is known of an output, one recording after the other."""
+    times, values, end = [], [], 0.0
+    for one in experiments:
+        column = one.output(name)
+        known = np.isfinite(column)
+        times.append(one.time[known] - one.time[0] + end)
+        values.append(column[known])
+        end += float(one.time[-1] - one.time[0] + np.median(np.diff(one.time)))
+    return Samples(name, "output", np.concatenate(times), np.concatenate(values))
 
 
 def _clips(samples: Samples) -> list[Clip]:

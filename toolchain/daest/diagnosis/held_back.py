@@ -25,7 +25,8 @@ def lag_in_the_way(found: Diagnosis) -> Proof | None:
     """The refused lag of a signal, with as few states as any, beside which a refused law of another kind may
     be accepted: the lag makes the recordings likelier than any law does, and what it leaves follows a
     variable or was not looked at, since it foresees unseen data worse, or the simulation of these is far
-    better with a law. None where something is accepted, or there is no such lag."""
+    better with a law, or far from them with the lag. None where something is accepted, or there is no such
+    lag."""
     if any(proof.verdict != "rejected" for proof in found.proofs):
         return None
     laws = [p for p in found.proofs if not p.candidate.is_dynamic]
@@ -37,7 +38,7 @@ def lag_in_the_way(found: Diagnosis) -> Proof | None:
         if p.candidate.is_dynamic
         and p.candidate.is_of_signal
         and p.delta_bic > max(least, GATES.min_told_bic_gain)
-        and (is_shown or _leaves_a_form(p))
+        and (is_shown or _leaves_a_form(p) or _leaves_errors(p))
     ]
     return min(likely, key=lambda p: (p.candidate.effect.n_states, -p.delta_bic), default=None)
 
@@ -45,6 +46,14 @@ def lag_in_the_way(found: Diagnosis) -> Proof | None:
 def _leaves_a_form(proof: Proof) -> bool:
     """Whether what a lag leaves follows a variable, or may."""
     return proof.left is None or is_significant(proof.left, 0.0)
+
+
+def _leaves_errors(proof: Proof) -> bool:
+    """Whether unseen data are simulated with errors far above the noise of a sensor."""
+    noise = {n.name: n.value for n in proof.fit.noises if n.kind == "measurement"}
+    unseen = proof.told.simulated.get("validation")
+    left = {} if unseen is None else unseen.rms
+    return any(name in noise and error > GATES.max_noise_left * noise[name] for name, error in left.items())
 
 
 def _is_shown(found: Diagnosis, proof: Proof) -> bool:
