@@ -140,7 +140,7 @@ def test_lag_is_looked_beside_where_it_leaves_errors_far_above_the_noise(error, 
         candidate=SimpleNamespace(is_dynamic=True, is_of_signal=True, effect=SimpleNamespace(n_states=1)),
         delta_bic=400.0,
         left=SimpleNamespace(p_value=0.5, log_likelihood_gain=1.0),
-        fit=SimpleNamespace(noises=[FittedNoise("T", "measurement", 0.05, None, "degC", True)]),
+        fit=SimpleNamespace(noises=[FittedNoise("T", "measurement", 0.05, None, "degC", True, None)]),
         told=SimpleNamespace(simulated={"validation": Agreement({"T": None}, {"T": error})}),
     )
     found = lag_in_the_way(SimpleNamespace(proofs=(lag,)))

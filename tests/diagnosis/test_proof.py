@@ -578,7 +578,7 @@ def test_clipping_sensors_are_seen_in_the_recordings():
 
 def test_sensor_that_comes_to_its_limit_once_in_each_recording_is_seen_in_all_of_them():
     time = 0.05 * np.arange(2000)
-    y = np.sin(2 * np.pi * time / 100.0) + 0.01 * np.random.default_rng(1).standard_normal(2000)
+    y = 3.0 * np.sin(2 * np.pi * time / 100.0) + 0.004 * np.random.default_rng(1).standard_normal(2000)
     whole = Experiment("run", time, np.zeros((2000, 1)), np.minimum(y, 0.8)[:, None], ("u",), ("phi",))
     again = replace(whole, time=time + 100.0)
     assert clips_of([whole]) == {} and clips_of([whole, again]) == {"phi": Clip(0.8, is_certain=True)}
