@@ -361,3 +361,14 @@ def test_values_beside_which_no_load_can_be_fitted_leave_the_null_as_it_was(monk
     stand = begin(model(), [record], [], DiagnoseOptions(hold="zoh"))
     assert len(asked) == 2
     assert stand.null.estimated == ("J", "d") and stand.reference is not None
+
+
+def test_a_refit_begins_with_some_noise_at_every_sensor():
+    """A load may have taken the noise of a sensor that it reaches at once; no search comes back from none."""
+    null, _ = quiet()
+    silent = tuple(replace(n, value=1e-12) if n.kind == "measurement" else n for n in null.fit.noises)
+    moved = np.std(null.experiments[0].outputs)
+    taken = replace(null, fit=replace(null.fit, noises=silent))
+    assert taken.measurement_std == pytest.approx(1e-12)
+    assert taken.starting_std == pytest.approx(GATES.least_noise * moved)
+    assert null.starting_std == pytest.approx(null.measurement_std)

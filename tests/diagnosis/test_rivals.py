@@ -174,6 +174,37 @@ def test_unlike_responses_do_not_compete_once_nothing_is_left():
     assert could_compete(by_name["Unbalance"], replace(proof, delta_log_likelihood=50.0), found)
 
 
+def test_law_with_places_of_its_own_competes_where_the_leader_leaves_a_part_of_the_load():
+    """The screen has tried its places on a grid alone, where stops look little like a spring that hardens."""
+    spring, stops, drag = (
+        SimpleNamespace(
+            name=name,
+            estimated=(),
+            site=SimpleNamespace(name=name),
+            effect=SimpleNamespace(parameters=parameters, class_name=name, n_states=0),
+        )
+        for name, parameters in (
+            ("spring", ()),
+            ("stops", (SimpleNamespace(estimate=True, role="shape"),)),
+            ("drag", ()),
+        )
+    )
+    entries = [SimpleNamespace(candidate=one) for one in (spring, stops, drag)]
+    screen = SimpleNamespace(
+        entries=entries, correlation=np.array([[1, 0.69, 0.69], [0.69, 1, 0], [0.69, 0, 1]])
+    )
+    quiet_rest = SimpleNamespace(p_value=0.5, log_likelihood_gain=1.0, sign_of="")
+
+    def competes(candidate, explained):
+        best = SimpleNamespace(
+            candidate=spring, left=quiet_rest, delta_log_likelihood=2350.0, explained=explained
+        )
+        return could_compete(SimpleNamespace(candidate=candidate), best, screen)
+
+    assert competes(stops, 0.88) and not competes(stops, 0.99)
+    assert not competes(drag, 0.88), "a law without shapes was seen at its best"
+
+
 def best_lags(null, lags):
     return best_dynamic(null, [dynamic_fits(null, pairs(lags, sites(null.flat)), best_simulation(null))])
 

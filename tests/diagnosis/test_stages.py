@@ -5,13 +5,14 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pytest
 
 from daest.diagnosis import stages as stages_module
 from daest.diagnosis import trials as trials_module
 from daest.diagnosis.course import _by_states
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.stages import DynamicTasks, Stages
-from daest.diagnosis.trials import Prepared
+from daest.diagnosis.stages import DynamicTasks, Stages, _has_fallen_short
+from daest.diagnosis.trials import Prepared, Trial
 
 
 def prepared(n_states: int = 0, simulated: float = -np.inf, site: str = "u", is_dynamic: bool = False) -> Any:
@@ -88,3 +89,11 @@ def test_fits_that_were_begun_are_those_that_are_asked_for() -> None:
     begun = tasks.of(candidates)
     assert begun and all(one is other for one, other in zip(begun, tasks.of(candidates), strict=True))
     assert DynamicTasks(cast(Any, None)).of([]) == []
+
+
+@pytest.mark.parametrize(
+    "gain, is_lost", [(-6.0, True), (-4.3, True), (20.0, True), (40.0, False), (2000.0, False)]
+)
+def test_refit_that_gains_far_less_than_the_screen_foresaw_has_lost_its_way(gain, is_lost):
+    prepared = SimpleNamespace(trial=Trial(None, (1.0,), (), promised=125.0))
+    assert _has_fallen_short(prepared, SimpleNamespace(delta_log_likelihood=gain)) == is_lost
