@@ -24,7 +24,7 @@ from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.rounds import accept, gains_beside, proved_again, proved_beside, with_kinks
 from daest.diagnosis.screen import promising_pairs
 from daest.diagnosis.settled import FAILURES
-from daest.diagnosis.stand import Stand, begin, kept_told, limit_told, limited
+from daest.diagnosis.stand import Stand, begin, held_told, limit_told, limited
 from daest.diagnosis.switching import diagnose_switching
 from daest.diagnosis.trials import SHARPER, Trial
 from daest.diagnosis.unseen import is_better, is_likelier, is_worse
@@ -197,7 +197,7 @@ def _improved_switching(task: _Rounds, most_effects: int) -> Improvement:
 
 def _told(path: _Path) -> Improvement:
     assert path.last is not None
-    reason = f"{path.reason} {kept_told(path.stand)}".rstrip()
+    reason = f"{path.reason} {held_told(path.stand)}".rstrip()
     return Improvement(path.steps, path.last, reason, path.stand.null.recorded_hold)
 
 

@@ -32,7 +32,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import FlatModel
 from daest.model.holds import FOH, Hold
-from daest.model.parts import Parameter, Prior
+from daest.model.parts import Parameter
 from daest.numerics.statistics import chi2
 
 
@@ -42,7 +42,7 @@ class Stand:
     effects that were accepted so far), the null's fit on the same terms as those of its rivals (`baseline`),
     the one without coloured loads (`reference`), and the validation data, with those for the other hold where
     they differ. Of every set of parameters in `tied`, which can change together without any effect on the
-    outputs, the first is kept near its given value."""
+    outputs, the first is held."""
 
     declared: FlatModel
     null: Null
@@ -97,26 +97,22 @@ def begin(
 def _scaled(
     flat: FlatModel, experiments: Sequence[Experiment]
 ) -> tuple[FlatModel, tuple[tuple[str, ...], ...]]:
-    """The model with one parameter kept near its given value of each set of them that can change together
-    without any effect on the outputs, and these sets: a torque constant with all torques, say. Loads would
-    let such a scale go anywhere, and no size would be known. It is not fixed, since the others might then
-    have to pass their bounds."""
+    """The model with one parameter held of each set of them that can change together without any effect on
+    the outputs, and these sets: a torque constant with all torques, say. Loads would let such a scale go
+    anywhere, and no size would be known. The one that the data know least is let pass its bounds: at another
+    scale than the machine's a small friction beside that of the motor's voltage may have to be below zero."""
     tied: list[tuple[str, ...]] = []
     while together := _changing_together(flat, experiments):
-        if together in tied:
-            break
         tied.append(together)
-        flat = replace(
-            flat, parameters=tuple(_kept(p) if p.name == together[0] else p for p in flat.parameters)
-        )
+        held, *_, least = together
+        flat = replace(flat, parameters=tuple(_at_scale(p, held, least) for p in flat.parameters))
     return flat, tuple(tied)
 
 
-def _kept(parameter: Parameter) -> Parameter:
-    """The parameter near its value, or held where that is zero and tells no scale."""
-    if not parameter.value:
+def _at_scale(parameter: Parameter, held: str, least: str) -> Parameter:
+    if parameter.name == held:
         return replace(parameter, estimate=False)
-    return replace(parameter, prior=Prior(parameter.value, GATES.tied_spread * abs(parameter.value)))
+    return replace(parameter, scale="linear", min=None, max=None) if parameter.name == least else parameter
 
 
 def _changing_together(flat: FlatModel, experiments: Sequence[Experiment]) -> tuple[str, ...]:
@@ -234,18 +230,17 @@ def limit_told(stand: Stand, proof: Proof) -> str:
 
 def told_whole(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> Diagnosis:
     """The diagnosis with what was taken as given beside it: the `limits` of sensors, and parameters that were
-    kept near their values."""
+    held."""
     found = _beside_limits(found, stand, limits)
-    return replace(found, message=f"{found.message} {kept_told(stand)}".rstrip())
+    return replace(found, message=f"{found.message} {held_told(stand)}".rstrip())
 
 
-def kept_told(stand: Stand) -> str:
-    """Which parameters were kept near their values, since others do all that they do; empty where none
-    was."""
+def held_told(stand: Stand) -> str:
+    """Which parameters were held, since others do all that they do; empty where none was."""
     values = {p.name: p.value for p in stand.declared.parameters}
     told = "; ".join(
         f"{', '.join(names)} can change together without any effect on the measured outputs: {names[0]} was "
-        f"kept near {values[names[0]]:.4g}, and sizes may be in proportion to it (--fix one that is known)"
+        f"held at {values[names[0]]:.4g}, and sizes may be in proportion to it (--fix one that is known)"
         for names in stand.tied
     )
     return f"{told}." if told else ""
