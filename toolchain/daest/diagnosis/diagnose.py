@@ -120,7 +120,7 @@ def _behind_a_lag(
     second = examined(lags[0])
     if second is None:
         return None
-    other = None if options.is_over else lag_instead(stand, lags[1:], second.proofs[0], options.jobs)
+    other = None if options.is_over else lag_instead(stand, lags[1:], second.proofs[0], options)
     if other is not None:
         second = examined(other) or second
     return replace(second, seconds=time.perf_counter() - stand.began)

@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import bic_gain
 from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.rounds import accept, proved_again
@@ -22,7 +23,10 @@ from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand
 from daest.model.diagnosis import Diagnosis, Proof
 from daest.model.fit import error_ratios
+from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.statistics import chi2
+
+MOST_INSTEAD = 3  # lags of other signals that are tried beside a law
 
 
 def lags_in_the_way(found: Diagnosis) -> list[Proof]:
@@ -49,15 +53,18 @@ def lags_in_the_way(found: Diagnosis) -> list[Proof]:
     )
 
 
-def lag_instead(stand: Stand, others: Sequence[Proof], law: Proof, jobs: int = 1) -> Proof | None:
-    """The one of some `others` lags that the model of `stand` should have in place of the likeliest one,
-    beside which the `law` was accepted; None where the recordings are no likelier with any. Alone, a lag of
-    a sensor also rounds what the missing law does, and so it may lead that of an input."""
-    found = []
-    for other in others:
-        with suppress(*FAILURES):
-            again = proved_again(accept(stand, other, jobs), law, law.fit.theta)
-            found.append((again.fit.log_likelihood, other))
+def lag_instead(stand: Stand, others: Sequence[Proof], law: Proof, options: DiagnoseOptions) -> Proof | None:
+    """The one of the first of some `others` lags that the model of `stand` should have in place of the
+    likeliest one, beside which the `law` was accepted; None where the recordings are no likelier with any.
+    Alone, a lag of a sensor also rounds what the missing law does, and so it may lead that of an input."""
+    found: list[tuple[float, Proof]] = []
+    if law.is_by_use:  # its fit is that of a simulation
+        return None
+    with suppress(OutOfTimeError), until(options.until):
+        for other in others[:MOST_INSTEAD]:
+            with suppress(*FAILURES):
+                again = proved_again(accept(stand, other, options.jobs), law, law.fit.theta)
+                found.append((again.fit.log_likelihood, other))
     best = max(found, key=lambda one: one[0], default=None)
     gain = 0.0 if best is None else 2.0 * (best[0] - law.fit.log_likelihood)
     return best[1] if best is not None and gain > GATES.min_bic_gain else None

@@ -354,7 +354,7 @@ def _beside_lag(task: _Task, path: _Path, diagnosis: Diagnosis) -> list[_Path]:
     grown = _with_lag(task, path, diagnosis, lags[0])
     law = grown[0].steps[len(path.steps) + 1].proof if grown else None
     if law is not None and not task.options.is_over:
-        other = lag_instead(path.stand, lags[1:], law, task.options.jobs)
+        other = lag_instead(path.stand, lags[1:], law, task.options)
         if other is not None:
             grown = _with_lag(task, path, diagnosis, other) or grown
     return grown
