@@ -123,9 +123,16 @@ def test_nothing_is_late():
 
 
 @pytest.mark.slow
-def test_late_heater_is_found_before_the_wall_is_known():
+def test_late_heater_and_the_wall_are_found_beside_each_other():
+    """Alone, a late thermometer makes the recordings likelier than a late heater: it rounds what the wall
+    does. Beside the wall the heater does, by a log-likelihood of more than 500."""
     record, unseen = (recorded(lag=700.0, wall=150.0, n=n) for n in (500, 700))
     flat = compile_text(ROOM, Path("Room.mo"))
     found = diagnose(flat, effect_library(), [record], [unseen], DiagnoseOptions(hold="zoh"))
-    labels = {p.candidate.label for p in found.proofs}
-    assert {"Lag at P", "ExtraHeatCapacity at 0:T"} <= labels, found.message
+    accepted = {p.candidate.label: p for p in found.proofs if p.verdict == "supported"}
+    assert set(accepted) == {"Lag at P", "ExtraHeatCapacity at 0:T"}, found.message
+    found_at = {p.name: p for p in accepted["Lag at P"].told.parameters}
+    lag = found_at[f"{accepted['Lag at P'].candidate.name}.T"]
+    wall = found_at[f"{accepted['ExtraHeatCapacity at 0:T'].candidate.name}.G"]
+    assert abs(lag.value - 700.0) < 3 * lag.std_error < 5.0
+    assert abs(wall.value - 150.0) < 3 * wall.std_error < 1.0

@@ -36,9 +36,11 @@ def test_friction_of_a_geared_servo(shared_data):
 
 
 @pytest.mark.slow
-def test_sensor_of_the_coupled_drives_shows_no_direction(shared_data):
+def test_sensor_of_the_coupled_drives_shows_no_direction(shared_data, monkeypatch):
     """Wigren and Schoukens (2017): the counter of the pulley does not tell which way it turns. Friction,
-    which the drives have as well, says much less."""
+    which the drives have as well, says much less. Compiled as users do: the search has several optima, and
+    the other roundings of less effort lead it to one that foresees unseen data no better."""
+    monkeypatch.delenv("DAEST_COMPILER_EFFORT", raising=False)
     folder = shared_data / "measured" / "coupled_drives"
     signals = ([daest.Signal("u", "V", "motor_voltage_sum_V")], [daest.Signal("w", "rad/s", COUNTER)])
     parts = [

@@ -17,7 +17,7 @@ from dataclasses import replace
 from daest.diagnosis.black_box import diagnose_black_box
 from daest.diagnosis.chosen import chosen_candidates
 from daest.diagnosis.examine import examine
-from daest.diagnosis.held_back import lag_in_the_way, told_beside, with_lag
+from daest.diagnosis.held_back import lag_instead, lags_in_the_way, told_beside, with_lag
 from daest.diagnosis.holds import (
     AGAIN,
     IN_VAIN,
@@ -108,13 +108,22 @@ def _behind_a_lag(
 ) -> Diagnosis | None:
     """The diagnosis once more beside a lag of a sensor that holds a law back; None where there is none, or
     nothing is accepted there either."""
-    lag = lag_in_the_way(found)
-    if lag is None or options.is_over:
+
+    def examined(lag: Proof) -> Diagnosis | None:
+        progress(f"looking once more, with {lag.candidate.label} in the model")
+        beside = accept(stand, lag, options.jobs)
+        return with_lag(examine(beside, library, options, progress), told_beside(lag, stand, beside))
+
+    lags = lags_in_the_way(found)
+    if not lags or options.is_over:
         return None
-    progress(f"looking once more, with {lag.candidate.label} in the model")
-    beside = accept(stand, lag, options.jobs)
-    second = with_lag(examine(beside, library, options, progress), told_beside(lag, stand, beside))
-    return None if second is None else replace(second, seconds=time.perf_counter() - stand.began)
+    second = examined(lags[0])
+    if second is None:
+        return None
+    other = None if options.is_over else lag_instead(stand, lags[1:], second.proofs[0], options)
+    if other is not None:
+        second = examined(other) or second
+    return replace(second, seconds=time.perf_counter() - stand.began)
 
 
 def switching_case(

@@ -8,27 +8,35 @@ beside the other. What is missing is then looked for once more, with the lag in 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import bic_gain
 from daest.diagnosis.reasons import is_significant, told_values
+from daest.diagnosis.rounds import accept, proved_again
+from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand
 from daest.model.diagnosis import Diagnosis, Proof
 from daest.model.fit import error_ratios
+from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.statistics import chi2
 
+MOST_INSTEAD = 3  # lags of other signals that are tried beside a law
 
-def lag_in_the_way(found: Diagnosis) -> Proof | None:
-    """The refused lag of a signal, with as few states as any, beside which a refused law of another kind may
-    be accepted: the lag makes the recordings likelier than any law does, and what it leaves follows a
-    variable or was not looked at, since it foresees unseen data worse, or the simulation of these is far
-    better with a law, or far from them with the lag. None where something is accepted, or there is no such
-    lag."""
+
+def lags_in_the_way(found: Diagnosis) -> list[Proof]:
+    """The refused lags of signals, with as few states as any and the likeliest first, beside which a refused
+    law of another kind may be accepted: such a lag makes the recordings likelier than any law does, and what
+    it leaves follows a variable or was not looked at, since it foresees unseen data worse, or the simulation
+    of these is far better with a law, or far from them with the lag. Empty where something is accepted, or
+    there is no such lag."""
     if any(proof.verdict != "rejected" for proof in found.proofs):
-        return None
+        return []
     laws = [p for p in found.proofs if not p.candidate.is_dynamic]
     least = max((p.delta_bic for p in laws), default=0.0)
     is_shown = any(_is_shown(found, p) for p in laws)
@@ -40,7 +48,27 @@ def lag_in_the_way(found: Diagnosis) -> Proof | None:
         and p.delta_bic > max(least, GATES.min_told_bic_gain)
         and (is_shown or _leaves_a_form(p) or _leaves_errors(p))
     ]
-    return min(likely, key=lambda p: (p.candidate.effect.n_states, -p.delta_bic), default=None)
+    fewest = min((p.candidate.effect.n_states for p in likely), default=0)
+    return sorted(
+        (p for p in likely if p.candidate.effect.n_states == fewest), key=lambda p: p.delta_bic, reverse=True
+    )
+
+
+def lag_instead(stand: Stand, others: Sequence[Proof], law: Proof, options: DiagnoseOptions) -> Proof | None:
+    """The one of the first of some `others` lags that the model of `stand` should have in place of the
+    likeliest one, beside which the `law` was accepted; None where the recordings are no likelier with any.
+    Alone, a lag of a sensor also rounds what the missing law does, and so it may lead that of an input."""
+    found: list[tuple[float, Proof]] = []
+    if law.is_by_use:  # its fit is that of a simulation
+        return None
+    with suppress(OutOfTimeError), until(options.until):
+        for other in others[:MOST_INSTEAD]:
+            with suppress(*FAILURES):
+                again = proved_again(accept(stand, other, options.jobs), law, law.fit.theta)
+                found.append((again.fit.log_likelihood, other))
+    best = max(found, key=lambda one: one[0], default=None)
+    gain = 0.0 if best is None else 2.0 * (best[0] - law.fit.log_likelihood)
+    return best[1] if best is not None and gain > GATES.min_bic_gain else None
 
 
 def _leaves_a_form(proof: Proof) -> bool:

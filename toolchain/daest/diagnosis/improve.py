@@ -17,7 +17,7 @@ from daest.diagnosis.candidates import fed
 from daest.diagnosis.diagnose import switching_case
 from daest.diagnosis.examine import examine
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.held_back import lag_in_the_way, told_beside
+from daest.diagnosis.held_back import lag_instead, lags_in_the_way, told_beside
 from daest.diagnosis.holds import AGAIN, BACK, IN_VAIN, better_hold, says_as_much, says_more, unsettled_hold
 from daest.diagnosis.null import known_values
 from daest.diagnosis.options import DiagnoseOptions, Progress
@@ -345,9 +345,20 @@ def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
 def _beside_lag(task: _Task, path: _Path, diagnosis: Diagnosis) -> list[_Path]:
     """The paths with a lag of a sensor and with what is accepted beside it; none where no lag holds a law
     back."""
-    lag = lag_in_the_way(diagnosis)
-    if lag is None or task.options.is_over or len(path.steps) - len(task.first) + 2 > task.most_effects:
+    lags = lags_in_the_way(diagnosis)
+    if not lags or task.options.is_over or len(path.steps) - len(task.first) + 2 > task.most_effects:
         return []
+    grown = _with_lag(task, path, diagnosis, lags[0])
+    law = grown[0].steps[len(path.steps) + 1].proof if grown else None
+    if law is not None and not task.options.is_over:
+        other = lag_instead(path.stand, lags[1:], law, task.options)
+        if other is not None:
+            grown = _with_lag(task, path, diagnosis, other) or grown
+    return grown
+
+
+def _with_lag(task: _Task, path: _Path, diagnosis: Diagnosis, lag: Proof) -> list[_Path]:
+    """The paths with the lag and with what is accepted beside it; none where nothing is."""
     beside = accept(path.stand, lag, task.options.jobs)
     told = told_beside(lag, path.stand, beside)
     remark = "only together with what follows"
