@@ -19,7 +19,7 @@ from daest.model.effects import Effect, EffectParameter, Placement, Site
 from daest.model.flat import FlatModel
 from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Parameter, Variable
 from daest.modelica.balances import Balance, balances, needs_position
-from daest.modelica.connectors import DOMAINS, connectors_of
+from daest.modelica.connectors import NAMES, connectors_of
 from daest.modelica.effects import OWN, EffectModel, effect_model
 from daest.modelica.internal_forces import InternalForce, internal_forces
 from daest.modelica.meshes import Mesh, meshes
@@ -32,7 +32,6 @@ from daest.near import did_you_mean
 __all__ = ["attach", "attach_all", "component_name"]
 
 ZERO_CELSIUS = 273.15
-_VARIABLES = {domain: names for names, domain in DOMAINS.items()}
 
 
 def attach(
@@ -108,7 +107,7 @@ class _Member:
 
     def local(self, connector: str, kind: int) -> tuple[str, ca.SX]:
         """Full name and symbol of the potential (0) or flow (1) of one of its connectors."""
-        variable = f"{connector}.{_VARIABLES[self.effect.domain][kind]}"
+        variable = f"{connector}.{NAMES[self.effect.domain][kind]}"
         return f"{self.name}.{variable}", self.symbols[variable]
 
 

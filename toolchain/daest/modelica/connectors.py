@@ -20,6 +20,7 @@ DOMAINS: dict[tuple[str, str], Domain] = {
     ("p", "q"): "hydraulic",
 }
 
+NAMES: dict[Domain, tuple[str, str]] = {domain: names for names, domain in DOMAINS.items()}
 # The same by units, for a connector that calls them otherwise.
 _UNITS: dict[tuple[str, str], Domain] = {
     ("rad", "N.m"): "rotational",

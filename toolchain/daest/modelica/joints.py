@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
+from daest.modelica.attach import ZERO_CELSIUS
 from daest.modelica.components import Classes
-from daest.modelica.connectors import DOMAINS, Connector
+from daest.modelica.connectors import NAMES, Connector
 from daest.modelica.outline import class_heads
 
-ZERO_CELSIUS = 273.15
 _PORTS: dict[Domain, str] = {
     "rotational": "Daest.Mechanics.Rotational.Interfaces.Flange_b",
     "translational": "Daest.Mechanics.Translational.Interfaces.Flange_b",
@@ -19,7 +19,6 @@ _PORTS: dict[Domain, str] = {
     "thermal": "Daest.Thermal.HeatTransfer.Interfaces.HeatPort_b",
     "hydraulic": "Daest.Hydraulic.Interfaces.Port_b",
 }
-_NAMES = {domain: names for names, domain in DOMAINS.items()}
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,7 @@ class Joint:
 
 def needs_joint(flat: FlatModel, connector: Connector) -> bool:
     """Whether the variables of a connector have other names than those of the library."""
-    return _variables(flat, connector) != _NAMES[connector.domain]
+    return _variables(flat, connector) != NAMES[connector.domain]
 
 
 def joint(source: bytes, class_name: str, flat: FlatModel, connector: Connector, name: str) -> Joint | None:
@@ -48,7 +47,7 @@ def joint(source: bytes, class_name: str, flat: FlatModel, connector: Connector,
     if scope is None:
         return None
     potential, flow = _variables(flat, connector)
-    wanted, wanted_flow = _NAMES[connector.domain]
+    wanted, wanted_flow = NAMES[connector.domain]
     is_celsius = flat.unknowns[connector.potential].unit == "degC"
     kind = name[:1].upper() + name[1:]
     lines = (
