@@ -82,3 +82,23 @@ def test_connector_whose_class_is_in_another_file_is_refused(own, tmp_path):
     with pytest.raises(ModelError) as caught:
         extend_model(file, "Plant", law, find_site(flat, "room.h", law), libraries=[own.parent])
     assert caught.value.code == "effect-not-writable" and "is not in this file" in caught.value.what
+
+
+def test_parameter_below_its_bound_takes_the_bound_along(tmp_path):
+    """At a scale that no sensor shows a small friction may come out below zero."""
+    file = tmp_path / "Rotor.mo"
+    file.write_text(
+        """model Rotor
+  parameter Real d(unit = "N.m.s/rad", min = 0) = 0.1;
+  parameter Real J(unit = "kg.m2", min = 0) = 0.2;
+  input Real u(unit = "N.m");
+  Real w(unit = "rad/s");
+equation
+  J*der(w) = u - d*w;
+end Rotor;
+"""
+    )
+    flat, law = compile_model(file), find_effect("Rotational.CoulombFriction")
+    made = extend_model(file, "Rotor", law, find_site(flat, "w", law), parameters={"d": -0.01, "J": 0.3})
+    found = {p.name: (p.value, p.min) for p in made.flat.parameters}
+    assert found["d"] == (-0.01, -0.01) and found["J"] == (0.3, 0.0)

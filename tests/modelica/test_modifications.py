@@ -97,3 +97,37 @@ def test_what_a_modification_cannot_reach_is_told(name, said):
     first = DRIVES[: DRIVES.index(f"model {name}")].count("\n") + 1
     line = int(str(caught.value.where).split(":")[1])
     assert line == first + (2 if name == "Variable" else 0)
+
+
+BASE = """model Base
+  parameter Real d(min = 0) = 0.1;
+  parameter Real k = 2;
+  input Real u;
+  Real v(start = 0);
+equation
+  der(v) = k*u - d*v;
+end Base;
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("model M\n  extends Base(k(max = 5) = 4);\nend M;", {"d": (0.1, 0.0, None), "k": (4.0, None, 5.0)}),
+        (
+            "model M\n  extends Base(d(min = -1)\n    = -0.5);\nend M;",
+            {"d": (-0.5, -1.0, None), "k": (2.0, None, None)},
+        ),
+        # Code behind the clause keeps its columns: the value stays alone.
+        (
+            "model M extends Base(k(max = 5) = 4); Real z; equation z = v; end M;",
+            {"d": (0.1, 0.0, None), "k": (4.0, None, None)},
+        ),
+    ],
+)
+def test_value_beside_attributes_in_an_extends_clause_is_not_lost(text, expected):
+    """The compiler takes neither where both stand together."""
+    flat = compile_text(f"{BASE}{text}\n".encode(), Path("M.mo"), "M")
+    assert {p.name: (p.value, p.min, p.max) for p in flat.parameters} == expected
+    if "z = v" in text:
+        assert next(e.place.column for e in flat.equations if "z" in e.text) == text.index("z = v") + 1

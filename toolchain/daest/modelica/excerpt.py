@@ -25,7 +25,7 @@ from daest.modelica.fitting import fits, with_bases
 from daest.modelica.library import BYTE_ORDER_MARK, Roots, kept_folder, library_name, stamp, write_file
 from daest.modelica.outline import NO_CODE, class_heads
 
-_VERSION = "30"  # of what is kept; another one throws away what is there
+_VERSION = "31"  # of what is kept; another one throws away what is there
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
 _ALIAS = re.compile(
     rb"\b(?:import|package|model|function|type|block|connector|record|class|operator)\s+([A-Za-z_]\w*)"

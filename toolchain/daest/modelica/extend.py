@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -182,7 +183,7 @@ def extend_model(
     attach(flat, effect, site, name, values, inputs)  # for its checks
     component = name or component_name(effect, names_of(flat))
     placement = Placement(effect, site, component, values or {}, inputs or {})
-    draft = _Draft(changes=_changes(parameters))
+    draft = _Draft(changes=_changes(parameters or {}, original.flat))
     draft.declarations.append(_declaration(placement, units_at(flat, effect, site), held))
     _supply(draft, placement, flat)
     original = _connect(draft, placement, original)
@@ -219,7 +220,7 @@ def extend_by_curve(
         original, end = _opened_balance(original, node.name, node.domain)
         ends = (end,)
     component = free_name(_LEARNED, names_of(original.flat))
-    draft = _Draft(changes=_changes(parameters))
+    draft = _Draft(changes=_changes(parameters or {}, original.flat))
     load_class, connector = _LOADS[node.domain]
     draft.declarations.append(_curve_declaration(load_class, component, load))
     draft.connect(f"{component}.{connector}", _reachable(original, ends))
@@ -235,9 +236,15 @@ def _original(path: Path, class_name: str | None, libraries: Sequence[str | Path
     return _Original(path, source, head, compile_text(source, path, chosen, libraries), libraries)
 
 
-def _changes(parameters: Mapping[str, float] | None) -> list[str]:
-    """New values of the model's parameters, as they stand in the modification of the extends clause."""
-    return [modification({k: number_text(float(v)) for k, v in parameters.items()})] if parameters else []
+def _changes(parameters: Mapping[str, float], flat: FlatModel) -> list[str]:
+    """New values of the model's parameters, as they stand in the modification of the extends clause. One that
+    had to pass its bound takes this along."""
+    lowest = {p.name: p.min for p in flat.parameters if p.min is not None and "." not in p.name}
+    texts = {name: number_text(float(value)) for name, value in parameters.items()}
+    low = [name for name, value in parameters.items() if value < lowest.get(name, -math.inf)]
+    inside = {name: text for name, text in texts.items() if name not in low}
+    changes = [modification(inside)] if inside else []
+    return [*changes, *(f"{name}(min = {texts[name]}) = {texts[name]}" for name in low)]
 
 
 def _extension(
