@@ -9,6 +9,7 @@ from hidden_plants import MODELS, model, rotor_record, some_effects
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.stand import begin, held_told
+from daest.estimation.identify import tied_parameters
 from daest.modelica.compile import compile_text
 
 
@@ -50,3 +51,16 @@ def test_law_is_found_in_proportion_to_what_was_held():
     law, fit = found.proofs[0], found.proofs[0].told
     assert law.candidate.effect.name == "CoulombFriction"
     assert fit.theta[f"{law.candidate.name}.tau_c"] / fit.theta["k"] == pytest.approx(0.15, rel=0.1)
+
+
+def test_small_friction_does_not_hide_what_changes_with_it():
+    """Beside the friction of the motor's own voltage its change is by far the largest one."""
+    text = (
+        (MODELS / "Rotor.mo").read_text().replace("connect(u, drive.tau);", "drive.tau = k*(u - k*rotor.w);")
+    )
+    constant = '  parameter Real k(min = 0) = 0.7 annotation(__Daest(estimate = true, scale = "log"));\n'
+    head, rest = text.replace("d(min = 0) = 0.3", "d(min = 0) = 1e-7").split("\n", 1)
+    flat = compile_text(f"{head}\n{constant}{rest}".encode(), Path("Rotor.mo"))
+    assert set(tied_parameters(flat, [rubbing_record()], "foh")) == {"J", "d", "k"}
+    stand = begin(flat, [rubbing_record()], [], DiagnoseOptions(hold="zoh"))
+    assert len(stand.tied) == 1 and stand.tied[0][0] not in stand.null.estimated

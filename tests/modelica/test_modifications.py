@@ -107,27 +107,41 @@ BASE = """model Base
 equation
   der(v) = k*u - d*v;
 end Base;
+model Around
+  replaceable model Kind = Base;
+  input Real u;
+  Kind b(u = u);
+end Around;
 """
 
 
+ROOM = {"d": (0.1, 0.0, None), "k": (4.0, None, 5.0)}
+VALUE = {"d": (0.1, 0.0, None), "k": (4.0, None, None)}  # the compiler has no place for the bound
+REDECLARED = "Around a(redeclare model Kind = Base(k(max = 5) = 4), u = u);"
+
+
 @pytest.mark.parametrize(
-    ("text", "expected"),
+    ("text", "prefix", "expected"),
     [
-        ("model M\n  extends Base(k(max = 5) = 4);\nend M;", {"d": (0.1, 0.0, None), "k": (4.0, None, 5.0)}),
+        ("model M\n  extends Base(k(max = 5) = 4);\nend M;", "", ROOM),
+        ("model M\n  extends Base(final k(max = 5) = 4); // as measured\nend M;", "", VALUE),
         (
             "model M\n  extends Base(d(min = -1)\n    = -0.5);\nend M;",
+            "",
             {"d": (-0.5, -1.0, None), "k": (2.0, None, None)},
         ),
         # Code behind the clause keeps its columns: the value stays alone.
-        (
-            "model M extends Base(k(max = 5) = 4); Real z; equation z = v; end M;",
-            {"d": (0.1, 0.0, None), "k": (4.0, None, None)},
-        ),
+        ("model M extends Base(k(max = 5) = 4); Real z; equation z = v; end M;", "", VALUE),
+        ("model M = Base(k(max = 5) = 4);", "", ROOM),
+        ("model M\n  input Real u;\n  Base b(k(max = 5) = 4, u = u);\nend M;", "b.", ROOM),
+        ("model M\n  input Real u;\n  Around a(b(k(max = 5) = 4), u = u);\nend M;", "a.b.", ROOM),
+        (f"model M\n  input Real u;\n  {REDECLARED}\nend M;", "a.b.", ROOM),
+        ("model M\n  extends Around(b(k(max = 5) = 4));\nend M;", "b.", VALUE),
     ],
 )
-def test_value_beside_attributes_in_an_extends_clause_is_not_lost(text, expected):
-    """The compiler takes neither where both stand together."""
+def test_value_beside_attributes_in_a_modification_is_not_lost(text, prefix, expected):
+    """The compiler takes neither where both stand together, but where a component is declared."""
     flat = compile_text(f"{BASE}{text}\n".encode(), Path("M.mo"), "M")
-    assert {p.name: (p.value, p.min, p.max) for p in flat.parameters} == expected
+    assert {p.name.removeprefix(prefix): (p.value, p.min, p.max) for p in flat.parameters} == expected
     if "z = v" in text:
         assert next(e.place.column for e in flat.equations if "z" in e.text) == text.index("z = v") + 1

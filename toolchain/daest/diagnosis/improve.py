@@ -307,10 +307,8 @@ def _with_kinks(task: _Task, path: _Path) -> _Path:
         return path
     if stand is None:
         return path
-    last, proof = (
-        path.steps[-1],
-        replace(proofs[-1], flat=stand.null.flat, fit=stand.baseline, final=stand.told),
-    )
+    last = path.steps[-1]
+    proof = replace(proofs[-1], flat=stand.null.flat, fit=stand.baseline, final=stand.told)
     step = replace(last, proof=proof, fit=stand.told, remark=f"{last.remark}; kinks refitted beside it")
     return replace(path, stand=stand, steps=(*path.steps[:-1], step))
 

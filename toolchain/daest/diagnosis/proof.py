@@ -16,11 +16,10 @@ from daest.diagnosis.open_loop import Simulated, in_use, says_more_in_use, simul
 from daest.diagnosis.ranking import ahead_of, least_hope
 from daest.diagnosis.reasons import (
     LOST,
+    beyond_recordings,
     lag_too_short,
     not_determined,
     other_dynamics,
-    out_of_reach,
-    too_slow,
     undriven,
     unexplained,
     vanished,
@@ -312,8 +311,7 @@ class _Judge:
         if not against and not undetermined:
             formless = without_form(self.with_effect, candidate, last)
             is_open = not formless
-            beyond = out_of_reach(self.with_effect, candidate, last)
-            unseen_form = formless or beyond or too_slow(self.with_effect, candidate, last)
+            unseen_form = formless or beyond_recordings(self.with_effect, candidate, last)
         reason = against or undetermined or unseen_form
         reason = reason or weak(prepared, final if is_shown and final else fit, self._before)
         alone = grown(self.fed, prepared.flat, explicit, last, self.found.experiments)
@@ -458,8 +456,8 @@ def by_simulation(
     refused = refused or bool(weak(prepared, found, reference.fit))
     model = grown(null, prepared.flat, explicit, found, null.experiments)
     refused = refused or bool(undriven(model))
-    refused = refused or bool(without_form(model, candidate, found) or out_of_reach(model, candidate, found))
-    refused = refused or bool(too_slow(model, candidate, found))
+    refused = refused or bool(without_form(model, candidate, found))
+    refused = refused or bool(beyond_recordings(model, candidate, found))
     p_value = float(min(1.0, n_screened * chi2.sf(2.0 * max(used.gain, 0.0), n_own)))
     if refused or p_value > GATES.max_chance:
         return beside

@@ -153,6 +153,11 @@ def too_slow(model: Null, candidate: Candidate, told: FitResult) -> str:
     return f"{spoken_duration(longest)} is too long for recordings that show up to {spoken_duration(most)}"
 
 
+def beyond_recordings(model: Null, candidate: Candidate, told: FitResult) -> str:
+    """Why the law lies beyond what the recordings reach or show; empty where it does not."""
+    return out_of_reach(model, candidate, told) or too_slow(model, candidate, told)
+
+
 def _is_place(parameter: EffectParameter) -> bool:
     """Whether a shape along a variable is a place there: it is looked for near the end of its reach."""
     return PLACED <= max(map(abs, parameter.grid), default=0.0) < 1.0

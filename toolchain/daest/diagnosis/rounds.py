@@ -66,10 +66,8 @@ def with_kinks(stand: Stand, candidates: Sequence[Candidate]) -> Stand | None:
     with quiet():
         explicit = replace(null.explicit, flat=null.flat)
         fit = refit(null.flat, explicit, (*null.estimated, *kinks), null, validation=stand.validation)
-        if (
-            bic_gain(fit.log_likelihood - stand.baseline.log_likelihood, len(kinks), null)
-            < GATES.min_bic_gain
-        ):
+        gain = fit.log_likelihood - stand.baseline.log_likelihood
+        if bic_gain(gain, len(kinks), null) < GATES.min_bic_gain:
             return None
         model = grown(null, null.flat, explicit, fit, null.experiments)
         reference = reference_of(model, fit, stand.validation)

@@ -249,8 +249,8 @@ def judged(
     and whether it does away with most of the error at some horizon. `adds_up` tells that the whole
     simulation is dead reckoning, which counts for an effect, not against it, unless the model did without
     it what the machine did and does so no longer; `told` is what their likelihood says, and `steady` the
-    ratio of the errors of simulations in which every recording
-    has a constant load of its own (`steady_misfit`), where it is smaller than that without."""
+    ratio of the errors of simulations in which every recording has a constant load of its own
+    (`steady_misfit`), where it is smaller than that without."""
     ratios = error_ratios(before.simulated, after.simulated)
     whole = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.nan
     whole = whole if steady is None else min(whole, steady)

@@ -364,7 +364,7 @@ class _Assembly:
         self._rename(row, connector, member, first)
         for at in self._rows_of_potential(connector, row):
             self._rename(at, connector, member, first)
-        full, flow = self._names_of(connector)
+        full, flow = self._connectors[connector].variables(self.unknowns)
         end, end_symbol = member.local(second, 0)
         self._connect(end, end_symbol, full, self._symbol[full])
         end_flow, end_flow_symbol = member.local(second, 1)
@@ -374,16 +374,11 @@ class _Assembly:
         self._flow_rows[connector] = len(self.equations) - 1
         self._potentials()[connector] = [len(self.equations) - 2]
 
-    def _names_of(self, connector: str) -> tuple[str, str]:
-        """The potential and the flow of a connector of the model."""
-        known = self._connectors[connector]
-        return self.unknowns[known.potential].name, self.unknowns[known.flow].name
-
     def _rename(self, row: int, connector: str, member: _Member, own: str) -> None:
         """The row with the variables of `connector` replaced by those of the effect's connector `own`."""
         old = self.equations[row]
         replaced, text = self.residual[row], old.text
-        for kind, former in enumerate(self._names_of(connector)):
+        for kind, former in enumerate(self._connectors[connector].variables(self.unknowns)):
             name, symbol = member.local(own, kind)
             replaced = ca.substitute(replaced, self._symbol[former], symbol)
             text = _renamed(text, former, name)

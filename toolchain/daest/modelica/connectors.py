@@ -46,27 +46,31 @@ class Connector:
         """The component that it belongs to; empty for a connector of the model itself."""
         return self.name.rpartition(".")[0]
 
+    def variables(self, unknowns: Sequence[Variable]) -> tuple[str, str]:
+        """The full names of its potential and of its flow."""
+        return unknowns[self.potential].name, unknowns[self.flow].name
+
 
 def connectors_of(unknowns: Sequence[Variable]) -> dict[str, Connector]:
     """All connectors among the unknowns whose variables have the names of a domain, or are one potential and
     one flow in its units, by name, in their order."""
+    position = {unknown.name: i for i, unknown in enumerate(unknowns)}
     members: dict[str, list[int]] = {}
     for i, unknown in enumerate(unknowns):
         members.setdefault(unknown.name.rpartition(".")[0], []).append(i)
     found: dict[str, Connector] = {}
-    for flow, unknown in enumerate(unknowns):
+    for i, unknown in enumerate(unknowns):
         if not unknown.is_flow:
             continue
-        name, _, own = unknown.name.rpartition(".")
-        others = {unknowns[i].name.rpartition(".")[2]: i for i in members[name]}
+        name, _, flow = unknown.name.rpartition(".")
         for (potential, wanted), domain in DOMAINS.items():
-            if own == wanted and potential in others:
-                found[name] = Connector(name, domain, others[potential], flow)
-        if name not in found and name and len(others) == 2:
-            (other,) = (i for i in members[name] if i != flow)
+            if flow == wanted and f"{name}.{potential}" in position:
+                found[name] = Connector(name, domain, position[f"{name}.{potential}"], i)
+        if name and name not in found and len(members[name]) == 2:
+            other = next(one for one in members[name] if one != i)
             by_unit = _UNITS.get((unknowns[other].unit, unknown.unit))
             if by_unit is not None:
-                found[name] = Connector(name, by_unit, other, flow)
+                found[name] = Connector(name, by_unit, other, i)
     return found
 
 

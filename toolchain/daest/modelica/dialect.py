@@ -43,15 +43,11 @@ from daest.modelica.outline import (
     NO_CODE,
     OPEN,
     ClassHead,
-    Edit,
     Token,
-    arguments,
     class_heads,
     class_tokens,
     closing,
     connect_clauses,
-    depths,
-    edited,
     extends_clauses,
     find_base,
     imported,
@@ -60,6 +56,7 @@ from daest.modelica.outline import (
     place_of,
     tokens,
 )
+from daest.modelica.values_apart import with_values_apart
 
 DER, DELAY = "deR", "delaY"
 """The functions that stand for der() of an expression and for delay()."""
@@ -126,7 +123,7 @@ def adapted(text: bytes) -> bytes:
     if b"ExternalObject" in text:
         text = _without_objects(text)
     text = _with_full_imports(_without_inner_bases(text.replace(_C_TABLES, _C_TABLES.upper())))
-    text = _with_values_apart(text)
+    text = with_values_apart(text)
     if b"function find" in text:
         heads = {head.name for head in class_heads(text)}
         for name in _LOOPS_OVER_LETTERS:
@@ -138,43 +135,6 @@ def adapted(text: bytes) -> bytes:
     if b"delay" in text:
         text = _with_marked(text, _DELAY, DELAY)
     return _with_marked(text, _DER, DER) if b"der" in text else text
-
-
-_ATTRIBUTED = re.compile(rb"\)\s*=[^=]")  # as in `k(max = 5) = 4`
-
-
-def _with_values_apart(text: bytes) -> bytes:
-    """The text in which `extends Base(k(max = 5) = 4)` names k twice, `k(max = 5), k = 4`: of both together
-    the compiler takes neither. Where code stands behind the clause in its line, whose columns are known to
-    others, only the value stays."""
-    if b"extends" not in text or not _ATTRIBUTED.search(text):
-        return text
-    edits: dict[int, Edit] = {}
-    for head in class_heads(text):
-        words = class_tokens(text, head)
-        for i, depth in depths(words):
-            if depth == 0 and words[i].text == "extends":
-                at = name_end(words, i + 1)
-                if at < len(words) and words[at].text == "(":
-                    rest = text[words[closing(words, at) - 1].end :].partition(b"\n")[0]
-                    is_last = not rest.strip(b" \t\r;")
-                    edits |= {one.start: one for one in _apart(words, at, is_last)}
-    return edited(text, [edits[start] for start in sorted(edits)])
-
-
-def _apart(words: Sequence[Token], at: int, is_last: bool) -> Iterator[Edit]:
-    for one in arguments(words, at):
-        if len(one) < 3 or one[0].kind != "name" or one[1].text != "(":
-            continue
-        end = closing(one, 1)
-        if end < len(one) and one[end].text == "=":
-            last = one[end - 1].end
-            if is_last:
-                yield Edit(last, last, f", {one[0].text}")
-            else:
-                yield Edit(one[1].start, last, " " * (last - one[1].start))
-        else:
-            yield from _apart(one, 1, is_last)
 
 
 # Functions of Modelica.Utilities.Strings that tell what kind of file a table stands in.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import textwrap
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -238,13 +237,19 @@ def _original(path: Path, class_name: str | None, libraries: Sequence[str | Path
 
 def _changes(parameters: Mapping[str, float], flat: FlatModel) -> list[str]:
     """New values of the model's parameters, as they stand in the modification of the extends clause. One that
-    had to pass its bound takes this along."""
-    lowest = {p.name: p.min for p in flat.parameters if p.min is not None and "." not in p.name}
+    had to pass a bound takes this along."""
+    known = {p.name: p for p in flat.parameters if "." not in p.name}
+    passed: dict[str, str] = {}
+    for name, value in parameters.items():
+        low, high = (known[name].min, known[name].max) if name in known else (None, None)
+        if low is not None and value < low:
+            passed[name] = "min"
+        elif high is not None and value > high:
+            passed[name] = "max"
     texts = {name: number_text(float(value)) for name, value in parameters.items()}
-    low = [name for name, value in parameters.items() if value < lowest.get(name, -math.inf)]
-    inside = {name: text for name, text in texts.items() if name not in low}
+    inside = {name: text for name, text in texts.items() if name not in passed}
     changes = [modification(inside)] if inside else []
-    return [*changes, *(f"{name}(min = {texts[name]}) = {texts[name]}" for name in low)]
+    return [*changes, *(f"{n}({bound} = {texts[n]}) = {texts[n]}" for n, bound in passed.items())]
 
 
 def _extension(

@@ -64,6 +64,6 @@ def joint(source: bytes, class_name: str, flat: FlatModel, connector: Connector,
 
 
 def _variables(flat: FlatModel, connector: Connector) -> tuple[str, str]:
-    """The names of its potential and of its flow."""
-    own = (flat.unknowns[i].name.rpartition(".")[2] for i in (connector.potential, connector.flow))
-    return next(own), next(own)
+    """The names of its potential and of its flow, within it."""
+    potential, flow = connector.variables(flat.unknowns)
+    return potential.rpartition(".")[2], flow.rpartition(".")[2]
