@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import casadi as ca
 import pytest
 
 from daest.errors import ModelError
@@ -124,7 +125,6 @@ REDECLARED = "Around a(redeclare model Kind = Base(k(max = 5) = 4), u = u);"
     ("text", "prefix", "expected"),
     [
         ("model M\n  extends Base(k(max = 5) = 4);\nend M;", "", ROOM),
-        ("model M\n  extends Base(final k(max = 5) = 4); // as measured\nend M;", "", VALUE),
         (
             "model M\n  extends Base(d(min = -1)\n    = -0.5);\nend M;",
             "",
@@ -145,3 +145,10 @@ def test_value_beside_attributes_in_a_modification_is_not_lost(text, prefix, exp
     assert {p.name.removeprefix(prefix): (p.value, p.min, p.max) for p in flat.parameters} == expected
     if "z = v" in text:
         assert next(e.place.column for e in flat.equations if "z" in e.text) == text.index("z = v") + 1
+
+
+def test_final_value_beside_attributes_is_not_lost():
+    text = "model M\n  extends Base(final k(max = 5) = 4); // as measured\nend M;\n"
+    flat = compile_text(f"{BASE}{text}".encode(), Path("M.mo"), "M")
+    assert [p.name for p in flat.parameters] == ["d"]
+    assert abs(float(ca.jacobian(flat.residual, flat.u))) == 4.0

@@ -27,21 +27,23 @@ def with_values_apart(text: bytes) -> bytes:
 
 
 def _edits(text: bytes, words: Sequence[Token]) -> Iterator[Edit]:
-    begun, brackets = 0, [0]  # where the statement begins, and the argument in every open bracket
+    begun = 0  # where the statement begins
+    brackets: list[tuple[int, int]] = []  # of the open ones, where each opens and where its argument begins
     for i, word in enumerate(words):
         if word.text in OPEN:
-            brackets.append(i + 1)
-        elif word.text in CLOSE and len(brackets) > 1:
-            first = brackets.pop()
+            brackets.append((i, i + 1))
+        elif word.text in CLOSE and brackets:
+            opened, _ = brackets.pop()
             is_valued = i + 1 < len(words) and words[i + 1].text == "="
-            name = words[brackets[-1] : first - 1]
-            if is_valued and len(brackets) > 1 and _is_modified(name):
-                outer = words[begun : brackets[1] - 1]
-                if len(brackets) > 2 or any(one.text in _SHORT for one in outer):
-                    yield _apart(text, words, i, name, words[first - 1].start)
-        elif word.text == "," and len(brackets) > 1:
-            brackets[-1] = i + 1
-        elif word.text == ";" and len(brackets) == 1:
+            if not is_valued or not brackets:
+                continue
+            (first, _), name = brackets[0], words[brackets[-1][1] : opened]
+            is_nested = len(brackets) > 1 or any(one.text in _SHORT for one in words[begun:first])
+            if is_nested and _is_modified(name):
+                yield _apart(text, words, i, name, words[opened].start)
+        elif word.text == "," and brackets:
+            brackets[-1] = (brackets[-1][0], i + 1)
+        elif word.text == ";" and not brackets:
             begun = i + 1
 
 
