@@ -206,7 +206,7 @@ def _compare(number: int, step: dict[str, Any]) -> None:
     for name, error in (step["model_rms"] or {}).items():
         expected = step["rms"]["validation"].get(name)
         if error is None or expected is None or abs(error - expected) > CLOSE * expected:
-            note(f"the model of step {number} has the error {error} of {name}, the fit {expected}")
+            note(f"the model of step {number} has the error {error:.4g} of {name}, the fit {expected:.4g}")
 
 
 def _files(models: dict[int, Written], found: Improvement) -> dict[int, str]:

@@ -71,7 +71,7 @@ def diagnose(
     holds = Holds(stand, options)
 
     def held(hold: Hold) -> tuple[Sequence[Proof], Diagnosis]:
-        again = replace(options, hold=hold, near=known_values(asis.null.fit))
+        again = replace(options, tried=hold, near=known_values(asis.null.fit))
         there, its_limits = limited(begin(flat, experiments, validation, again, progress), library, again)
         second = examine(there, library, again, progress)
         return second.proofs, told_whole(second, there, its_limits)

@@ -116,7 +116,7 @@ def improve(
         found = _searched(task)
     except _OtherHoldError as other:
         progress(AGAIN.format(hold_text(other.hold)))
-        again = replace(options, hold=other.hold, near=near)
+        again = replace(options, tried=other.hold, near=near)
         held = improve(flat, library, experiments, validation, again, most_effects, progress)
         if says_as_much(_last_added(held), other.found.proofs):
             return held
@@ -124,16 +124,16 @@ def improve(
             path = _late(task, _with_best(task, other.path, other.found), "another effect was looked for")
             return _told(path)
         progress(BACK.format(hold_text(stand.null.hold)))
-        again = replace(options, hold=stand.null.hold, near=near)
+        again = replace(options, tried=stand.null.hold, near=near)
         return improve(flat, library, experiments, validation, again, most_effects, progress)
     nothing = _told(found)
-    if len(found.steps) > len(steps) or options.hold is not None or options.is_over:
+    if len(found.steps) > len(steps) or options.hold or options.tried or options.is_over:
         return nothing
     hold = better_hold(stand, nothing.last.proofs) or unsettled_hold(stand, nothing.last)
     if hold is None:
         return nothing
     progress(IN_VAIN.format(hold_text(hold)))
-    again = replace(options, hold=hold, near=near)
+    again = replace(options, tried=hold, near=near)
     other_way = improve(flat, library, experiments, validation, again, most_effects, progress)
     return other_way if says_more(_last_added(other_way), nothing.last.proofs, stand) else nothing
 

@@ -38,8 +38,9 @@ class Null:
     """`flat` is the model with the loads attached and all values at the estimate; `fit` the fit of that
     model. `other_hold` is that of the inputs which the user has not ruled out, and fits worse by `hold_lead`
     in log-likelihood; `other_experiments` are those for it where the experiments are coarser than the
-    recordings, and their inputs straight lines either way. `recorded_hold` is that of the recordings. No time
-    constant of a load is above `slowest` [s]; None: the length of the record limits it."""
+    recordings, and their inputs straight lines either way. `recorded_hold` is that of the recordings, and
+    `is_hold_given` whether the user says so. No time constant of a load is above `slowest` [s]; None: the
+    length of the record limits it."""
 
     flat: FlatModel
     explicit: ExplicitModel
@@ -53,6 +54,7 @@ class Null:
     other_experiments: tuple[Experiment, ...] | None = None
     recorded_hold: Hold | None = None
     slowest: float | None = None
+    is_hold_given: bool = False
 
     @property
     def estimated(self) -> tuple[str, ...]:
@@ -235,6 +237,18 @@ def open_hold(null: Null, gain: float = 0.0) -> Hold | None:
     """The other hold of the inputs, unless the data have clearly refused it: by more than an effect gains
     that was missing when they did, for half a sample of delay is what such an effect may look like."""
     return null.other_hold if null.hold_lead < max(GATES.clear_hold_gain, gain) else None
+
+
+def open_inputs(null: Null, gain: float) -> tuple[str, ...]:
+    """The moving inputs whose hold is open, now that an effect that gains `gain` in log-likelihood is in the
+    model: beside what was missing, that of an input that moves the machine little could not be told. None
+    where the user says what it is, the experiments are coarser than the recordings, or slopes drive the
+    model."""
+    is_known = null.is_hold_given or null.other_experiments is not None or null.hold == SMOOTH
+    if is_known or acting_slopes(null.explicit):
+        return ()
+    names = moving_inputs(null.experiments, null.flat.input_names)
+    return () if len(names) == 1 and open_hold(null, gain) is None else names
 
 
 def _asked_holds(

@@ -36,21 +36,23 @@ class Keeper(Protocol):
 
 @dataclass(frozen=True)
 class DiagnoseOptions:
-    """`effects` and `places` restrict the search by name. `hold` None takes the better one. `fitted` are
-    parameter values of an earlier fit, which the data may contradict. Refits run in `jobs` processes where
-    that is worth while, or on the Dask `cluster` at an address, with the same results; `keeper` knows those
-    of an earlier run. `clipped` are the limits at which outputs stay, by output (None: as the experiments
-    show them): a sensor that cuts is tried there first, or taken for granted where it is certain. `held` are
-    the experiments and the validation data to take for the hold "zoh" where all of them are coarser than the
+    """`effects` and `places` restrict the search by name. `hold` None takes the better one; `tried` is
+    one that a search which begins again tries, and may leave. `fitted` are parameter values of an
+    earlier fit, which the data may contradict. Refits run in `jobs` processes where that is worth while,
+    or on the Dask `cluster` at an address, with the same results; `keeper` knows those of an earlier
+    run. `clipped` are the limits at which outputs stay, by output (None: as the experiments show them):
+    a sensor that cuts is tried there first, or taken for granted where it is certain. `held` are the
+    experiments and the validation data to take for the hold "zoh" where all of them are coarser than the
     recordings: straight lines then stand for what was held. `slowest_load` limits the time constants of
-    unknown loads [s], where it is known how slow they are (None: the length of the record does). `near` are
-    parameter values that are known from the other hold, from which the search of the model as it is begins.
-    After `time_limit` seconds no further refit is made, and those that run are given up: from the moment
-    `until` of `time.monotonic` on."""
+    unknown loads [s], where it is known how slow they are (None: the length of the record does). `near`
+    are parameter values that are known from the other hold, from which the search of the model as it is
+    begins. After `time_limit` seconds no further refit is made, and those that run are given up: from
+    the moment `until` of `time.monotonic` on."""
 
     effects: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
     hold: Hold | None = None
+    tried: Hold | None = None
     seed: int = 0
     jobs: int = 2
     cluster: str | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -15,13 +16,15 @@ from daest.diagnosis.candidates import fed
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import grown, refit, refitted
+from daest.diagnosis.null import Null, grown, open_inputs, refit, refitted
 from daest.diagnosis.proof import bic_gain
 from daest.diagnosis.screen import run_null
 from daest.diagnosis.search import Search
+from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand, quiet, reference_of
 from daest.diagnosis.trials import Trial, prepare
 from daest.diagnosis.unseen import innovations
+from daest.estimation.hold_search import with_turned
 from daest.model.diagnosis import Candidate, Proof
 from daest.model.fit import error_ratios
 from daest.model.flat import with_equations
@@ -30,11 +33,13 @@ from daest.systems.reduce import reduce_index
 
 
 def accept(stand: Stand, proof: Proof, jobs: int = 1) -> Stand:
-    """The stand with the effect of `proof` in the model. With two `jobs`, its two fits run together."""
+    """The stand with the effect of `proof` in the model, and the inputs held as the model with the effect has
+    it. With two `jobs`, its two fits run together."""
     null = stand.null
     experiments = fed(null.experiments, proof.candidate)
     flat = with_equations(proof.flat, "a further round")
     model = grown(null, flat, reduce_index(flat), proof.fit, experiments)
+    model = _held_better(model, proof)
     validation = fed(stand.validation, proof.candidate)
     # The refit of the proof has not predicted the unseen data, by which a later round sees that it is at the
     # noise of the sensors.
@@ -51,6 +56,20 @@ def accept(stand: Stand, proof: Proof, jobs: int = 1) -> Stand:
             reference = replace(reference, fit=proof.final)
     began = time.perf_counter()
     return Stand(stand.declared, model, baseline, validation, began, reference, tied=stand.tied)
+
+
+def _held_better(null: Null, proof: Proof) -> Null:
+    """The null with one input after the other held as the model with the effect of `proof` has it."""
+    names = open_inputs(null, proof.delta_log_likelihood)
+    for name in names:
+        hold = with_turned(null.hold, name, names)
+        least = null.fit.log_likelihood + GATES.min_hold_gain
+        turned = replace(null, hold=hold, recorded_hold=hold)
+        with quiet(), suppress(*FAILURES):
+            fit = refitted(null.flat, null.explicit, null.estimated, turned, hopeless=least).fit
+            if fit.log_likelihood > least:
+                null = grown(turned, null.flat, null.explicit, fit, null.experiments)
+    return null
 
 
 def with_kinks(stand: Stand, candidates: Sequence[Candidate]) -> Stand | None:

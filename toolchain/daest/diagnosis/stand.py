@@ -74,8 +74,9 @@ def begin(
 
     def null_of(quiet: FlatModel) -> Null:
         coarse = None if held is None else held[0]
-        given = (options.hold, coarse, options.slowest_load, options.near)
-        return fit_null(quiet, load_sites(flat), both[0], *given)
+        given = (options.hold or options.tried, coarse, options.slowest_load, options.near)
+        null = fit_null(quiet, load_sites(flat), both[0], *given)
+        return replace(null, is_hold_given=options.hold is not None)
 
     def unseen(hold: Hold | None) -> tuple[Experiment, ...]:
         return both[1] if held is None or hold is None else as_recorded(both[1], held[1], hold)
@@ -90,7 +91,7 @@ def begin(
         declared = replace(flat, parameters=free.parameters)
         return Stand(declared, null, baseline, unseen_by(null), began, reference, other, tied)
 
-    parts = (options.hold, options.slowest_load, *sorted(options.near.items()))
+    parts = (options.hold, options.tried, options.slowest_load, *sorted(options.near.items()))
     return replace(options.step("null", parts, flat, fitted), began=began)
 
 
@@ -189,6 +190,7 @@ def limited(
             hold_lead=known.hold_lead,
             other_experiments=known.other_experiments,
             recorded_hold=known.recorded_hold,
+            is_hold_given=known.is_hold_given,
         )
 
     def fitted() -> Stand:

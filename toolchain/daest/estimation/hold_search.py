@@ -43,12 +43,16 @@ def ranked_holds(
     for name in names if ZOH in values and len(names) > 1 else ():
         turned = best()
         if turned is not None and turned != SMOOTH:
-            ask(_turned(turned, name, names))
+            ask(with_turned(turned, name, names))
     return sorted(values, key=lambda hold: -values[hold])
 
 
-def _turned(hold: Hold, name: str, names: Sequence[str]) -> Hold:
-    """The hold with which the input `name` alone does the other thing."""
+def with_turned(hold: Hold, name: str, names: Sequence[str]) -> Hold:
+    """The hold with which the input `name` alone does the other thing: kept, or on straight lines.
+
+    >>> with_turned("zoh", "P", ("P", "T_outside"))
+    'zoh(T_outside)'
+    """
     held = {one for one, is_held in zip(names, held_inputs(hold, names), strict=True) if is_held}
     return mixed_hold(held ^ {name}, names)
 

@@ -1,0 +1,72 @@
+"""Inputs of which one moves the machine too little for its hold to show before an effect is found."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hidden_plants import library
+from scipy.linalg import expm
+
+from daest.diagnosis.improve import improve
+from daest.diagnosis.options import DiagnoseOptions
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_text
+
+C, G, LOSS, OUTSIDE, STEP = 2.3e5, 85.0, 18.0, 20.0, 60.0
+BOILER = b"""model Boiler "Two layers; the loss of heat is not modelled"
+  parameter Real C(unit = "J/K", min = 0) = 2e5 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real G(unit = "W/K", min = 0) = 100 annotation(__Daest(estimate = true, scale = "log"));
+  input Real P(unit = "W"); input Real D(unit = "W");
+  Real top(unit = "degC", start = 40); Real bottom(unit = "degC", start = 40); Real Q(unit = "W");
+  output Real T1(unit = "degC") annotation(__Daest(std = 0.1));
+  output Real T2(unit = "degC") annotation(__Daest(std = 0.1));
+equation
+  Q = G*(bottom - top);
+  C*der(top) = Q - D;
+  C*der(bottom) = P - Q;
+  T1 = top;
+  T2 = bottom;
+end Boiler;
+"""
+
+
+def switched(rng, samples, shortest, size):
+    """On and off at random, at samples alone."""
+    times = rng.integers(shortest, 3 * shortest, samples)
+    return np.repeat(rng.integers(0, 2, samples), times)[:samples] * size
+
+
+@cache
+def losing_heat():
+    """Both heat flows are held between the samples, and both layers lose heat: integrated exactly."""
+    rng = np.random.default_rng(5)
+    inputs = np.column_stack([switched(rng, 900, 30, 3000.0), switched(rng, 900, 20, 2000.0)])
+    whole = np.zeros((5, 5))
+    whole[:2, :2] = np.array([[-G - LOSS, G], [G, -G - LOSS]]) / C
+    whole[:2, 2:] = np.array([[0.0, -1.0, LOSS * OUTSIDE], [1.0, 0.0, LOSS * OUTSIDE]]) / C
+    over = expm(whole * STEP)
+    x = [np.array([40.0, 40.0])]
+    for u in inputs[:-1]:
+        x.append((over @ [*x[-1], *u, 1.0])[:2])
+    outputs = np.array(x) + 0.1 * rng.standard_normal((900, 2))
+    time = STEP * np.arange(900.0)
+    return Experiment("boiler", time, inputs, outputs, ("P", "D"), ("T1", "T2"))
+
+
+def test_input_is_held_once_the_loss_is_in_the_model():
+    flat = compile_text(BOILER, Path("Boiler.mo"))
+    laws = [law for law in library() if law.name in ("HeatLoss", "Lag")]
+    found = improve(flat, laws, [losing_heat()], (), DiagnoseOptions(tried="zoh(P)"))
+    names = [step.proof.candidate.effect.name for step in found.steps if step.proof]
+    assert found.recorded_hold == "zoh" and names == ["HeatLoss", "HeatLoss"]
+    theta = found.steps[-1].proof.told.theta
+    losses = [value for name, value in theta.items() if name.endswith(".G")]
+    assert losses == pytest.approx([LOSS, LOSS], rel=0.05)
+
+
+def test_hold_that_the_user_gives_is_not_asked_for():
+    flat = compile_text(BOILER, Path("Boiler.mo"))
+    laws = [law for law in library() if law.name == "HeatLoss"]
+    found = improve(flat, laws, [losing_heat()], (), DiagnoseOptions(hold="zoh(P)"), most_effects=1)
+    assert found.recorded_hold == "zoh(P)" and len(found.steps) == 2
