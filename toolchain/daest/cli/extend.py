@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     metavar="PLACE",
     required=True,
     shell_complete=offered.places,
-    help="Connector, component, input or output.",
+    help="Connector, component, input, output or signal inside.",
 )
 @set_option
 @click.option("--name", "component", metavar="NAME", help="Name of the effect's component.")

@@ -27,6 +27,7 @@ TIME = "time"  # a grid may be relative to it: the duration of the recording
 MOST_PERIODS = 60  # in a turn, that the data are searched for
 MOST_LENGTHS = 200  # of a period along a way, that the data are searched for
 LENGTHS_APART = 4  # steps by which the number of periods over a whole way grows by one
+MOST_INSIDE = 24  # signals inside of a model that are places of a search: of more, none that is not named
 MOST_POINTS = 400  # of a trajectory that a range is taken from
 LEARNED = "Learned"  # curves describe what no effect explains; they are no hypothesis themselves
 NO_SITES = ("parameter",)  # a drifting parameter is looked for by name, not everywhere
@@ -39,8 +40,10 @@ def pairs(
     of `columns`, the recorded signals that the model does not use.
 
     What flows to ground leaves the model: an effect between two nodes that would say
-    the same as one of a single node is left out."""
+    the same as one of a single node is left out. So are signals inside, where there are too many."""
     found: list[Candidate] = []
+    if sum(site.kind == "signal" for site in places) > MOST_INSIDE:
+        places = [site for site in places if site.kind != "signal"]
     names = {effect.name for effect in effects}
     for effect in effects:
         if effect.name.startswith(LEARNED):

@@ -53,7 +53,7 @@ class LateSignals:
 def late_signals(null: Null, run: NullObserver, candidates: Sequence[Candidate]) -> LateSignals:
     """Which of the candidates that delay a signal the innovations show; of signals that the sensors see alike
     the one that shows most."""
-    late = [c for c in candidates if c.effect.class_name in (LAG, DELAY) and c.is_of_signal]
+    late = [c for c in candidates if c.effect.class_name in (LAG, DELAY) and c.is_of_recorded]
     late = [c for c, there in zip(late, already_there(null, late), strict=True) if not there]
     if not late:
         return LateSignals()

@@ -110,7 +110,7 @@ def bent_fits(
     simulation, fits = (nominal.log_likelihood, nominal.theta), []
     for candidate in wanted:
         lag = _lag_at(candidate, lags)
-        if candidate.effect.class_name == DELAY and lag is not None:
+        if candidate.effect.class_name == DELAY and candidate.is_of_recorded and lag is not None:
             fits.append(_dead_time(null, candidate, nominal, lag))
             continue
         if candidate.is_of_signal:

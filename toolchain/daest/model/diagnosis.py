@@ -75,7 +75,12 @@ class Candidate:
 
     @property
     def is_of_signal(self) -> bool:
-        """Whether it stands at an input or an output."""
+        """Whether it stands at a signal: an input, an output or one between them."""
+        return self.site.kind in ("input", "output", "signal")
+
+    @property
+    def is_of_recorded(self) -> bool:
+        """Whether it stands at a signal that is recorded: an input or an output."""
         return self.site.kind in ("input", "output")
 
     @property

@@ -7,7 +7,7 @@ variables and parameters under the name of its component, its equations, and the
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count
@@ -220,6 +220,8 @@ class _Assembly:
             self._before_output(member, site.name)
         elif site.kind == "input":
             self._behind_input(member, site.name)
+        elif site.kind == "signal":
+            self._behind_signal(member, site.name)
         else:
             self._instead(member, site.name)
 
@@ -491,9 +493,36 @@ class _Assembly:
         self._substitute(source, member.symbols["y"], name, f"{member.name}.y", member)
         self._connect(name, source, f"{member.name}.u", member.symbols["u"])
 
-    def _substitute(self, old: ca.SX, new: ca.SX, name: str, shown: str, member: _Member) -> None:
-        """`new` for `old` everywhere but in the effect's own rows, `shown` for `name` in the texts."""
-        rows = [i for i, e in enumerate(self.equations) if e.origin.partition(".")[0] != member.name]
+    def _behind_signal(self, member: _Member, name: str) -> None:
+        """The uses of a signal inside of the model take the effect's output: connections to other blocks, or
+        all equations but that which gives it."""
+        given = next(
+            i
+            for i, e in enumerate(self.equations)
+            if e.kind in ("component", "binding") and e.text.partition(" = ")[0] == name
+        )
+        owner = self.equations[given].origin
+        kept = [i for i, e in enumerate(self.equations) if owner and e.origin == owner]
+        source = self._symbol[name]
+        self._substitute(source, member.symbols["y"], name, f"{member.name}.y", member, {given, *kept})
+        self._connect(name, source, f"{member.name}.u", member.symbols["u"])
+
+    def _substitute(
+        self,
+        old: ca.SX,
+        new: ca.SX,
+        name: str,
+        shown: str,
+        member: _Member,
+        kept: Collection[int] = (),
+    ) -> None:
+        """`new` for `old` everywhere but in the effect's own rows and those that are `kept`, `shown` for
+        `name` in the texts."""
+        rows = [
+            i
+            for i, e in enumerate(self.equations)
+            if e.origin.partition(".")[0] != member.name and i not in kept
+        ]
         before = [*(self.residual[i] for i in rows), *self.results]
         after = ca.vertsplit(ca.substitute(column(before), old, new))
         depends = ca.jacobian_sparsity(column(before), old).row()
@@ -547,7 +576,7 @@ class _Assembly:
 
     def _peers(self, site: Site) -> set[str]:
         """Components that join the place at all of its ends."""
-        if site.kind in ("input", "output", "parameter"):
+        if site.kind in ("input", "output", "signal", "parameter"):
             found = {_owner(e.text.partition(" = ")[2]) for e in self.equations if _reads(e, site.name)}
             return found | self._shown_by(site)
         if site.kind == "terminal":

@@ -31,6 +31,7 @@ from daest.modelica.opened import (
     opened_input,
     opened_mesh,
     opened_output,
+    opened_signal,
     output_binding,
     term_connector,
 )
@@ -458,6 +459,8 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Origi
         original = _behind_input(draft, placement, original)
     elif site.kind == "output":
         original = _before_output(draft, placement, original)
+    elif site.kind == "signal":
+        original = _behind_signal(draft, placement, original)
     else:
         raise original.refusal(
             f"{effect.name} at `{site.name}` cannot be written: a parameter does not change with time",
@@ -600,6 +603,32 @@ def _behind_input(draft: _Draft, placement: Placement, original: _Original) -> _
         draft.equations.append(f"{placement.name}.u = {name};")
     else:
         draft.connect(name, f"{placement.name}.u")
+    for clause in clauses:
+        draft.replace(clause)
+        draft.connect(f"{placement.name}.y", clause.right if clause.left == name else clause.left)
+    return original
+
+
+def _behind_signal(draft: _Draft, placement: Placement, original: _Original) -> _Original:
+    """The effect between a signal inside of the model and what uses it: the connections of a block's output,
+    or the equations."""
+    name, flat = placement.site.name, original.flat
+    if "." not in name:
+        given = next(
+            e for e in flat.equations if e.text.partition(" = ")[0] == name and e.kind != "connection"
+        )
+        with _opening(original, f"the equation {given.text}"):
+            source, variable = opened_signal(original.source, flat, name, given, names_of(flat))
+        draft.changes.append(f"{variable} = {placement.name}.y")
+        draft.equations.append(f"{placement.name}.u = {name};")
+        return original.changed(source)
+    clauses = _clauses_of(name, original)
+    if not clauses:
+        raise original.refusal(
+            f"no connect clause of {original.path.name} names `{name}`",
+            "Put the effect into the component that makes the connection.",
+        )
+    draft.connect(name, f"{placement.name}.u")
     for clause in clauses:
         draft.replace(clause)
         draft.connect(f"{placement.name}.y", clause.right if clause.left == name else clause.left)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from daest.errors import Place
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
+from daest.model.parts import Equation, Variable
 from daest.modelica.attach import ZERO_CELSIUS, free_name
 from daest.modelica.balances import Balance, needs_position
 from daest.modelica.components import expression_end
@@ -237,14 +238,38 @@ def _with_term(side: Sequence[Token], term: str) -> list[Edit]:
 def opened_input(source: bytes, flat: FlatModel, name: str, taken: Iterable[str]) -> tuple[bytes, str]:
     """The text whose equations use the input through a variable of its own, and the name of that variable.
     Connect clauses stay. Raises NotOpened."""
-    symbol = next(v for v in flat.inputs if v.name == name)
-    start = _offset(source, flat, symbol.place)
+    return _used_through(source, flat, next(v for v in flat.inputs if v.name == name), taken)
+
+
+def opened_signal(
+    source: bytes, flat: FlatModel, name: str, given: Equation, taken: Iterable[str]
+) -> tuple[bytes, str]:
+    """The text in which all equations but the one that gives a variable of the model, or its declaration, use
+    it through another one, and the name of that one. Raises NotOpened."""
+    symbol = next(v for v in flat.unknowns if v.name == name)
+    if given.kind == "binding":
+        return _used_through(source, flat, symbol, taken)
+    begin = _offset(source, flat, given.place)
+    _, words = _class_at(source, begin)
+    at = next(i for i, w in enumerate(words) if w.start == begin)
+    if words[at].text != name or not _stands_alone(words, at):
+        raise NotOpened(f"is no equation `{name} = …` that stands for itself")
+    return _used_through(source, flat, symbol, taken, begin)
+
+
+def _used_through(
+    source: bytes, flat: FlatModel, symbol: Variable, taken: Iterable[str], given: int = -1
+) -> tuple[bytes, str]:
+    """The text whose equations use `symbol` through a variable of its own, and the name of that variable; the
+    equation that begins at the byte `given` stays."""
+    name, start = symbol.name, _offset(source, flat, symbol.place)
     head, words = _class_at(source, start)
     used = free_name(f"{name}_used", taken)
     unit = f'(unit = "{symbol.unit}")' if symbol.unit else ""
     line = f'Real {used}{unit} = {name} "{name} as the equations use it";'
     declared = next(w for w in words if w.start == start)
-    edits = [Edit(w.start, w.end, used) for w in _all_uses(source, head, words, declared)]
+    uses = [w for w in _all_uses(source, head, words, declared) if w.start != given]
+    edits = [Edit(w.start, w.end, used) for w in uses]
     if not edits:
         raise NotOpened("is used by no equation of the class that declares it")
     return edited(source, [*edits, _declared(source, words, line)]), used

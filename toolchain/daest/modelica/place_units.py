@@ -39,8 +39,9 @@ _SCALES = {  # another size of every base unit; no power of one is a power of ot
 def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
     """Unit of every parameter of `effect` at `site` of the model, by its name; empty where it is not
     known."""
-    if site.kind in ("input", "output"):
-        known = {x.name: x.unit for x in flat.inputs} | {y.name: y.unit for y in flat.outputs}
+    if site.kind in ("input", "output", "signal"):
+        known = {x.name: x.unit for x in flat.unknowns} if site.kind == "signal" else {}
+        known |= {x.name: x.unit for x in flat.inputs} | {y.name: y.unit for y in flat.outputs}
         unit = known.get(site.name, "")
         return {p.name: _of_signal(p, unit) for p in effect.parameters}
     if site.kind in ("equation", "exchange"):

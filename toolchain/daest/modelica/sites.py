@@ -16,6 +16,7 @@ from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
 from daest.modelica.balances import DOMAINS, Balance, balances, slopes_near_start
 from daest.modelica.connectors import Connector, connectors_of
+from daest.modelica.inner_signals import inner_signals
 from daest.modelica.internal_forces import internal_forces
 from daest.modelica.meshes import meshes
 from daest.modelica.place_units import balances_flows
@@ -28,7 +29,7 @@ _TOLERANCE = 1e-9
 # Exchange between bodies that no component joins is plausible in these domains (air, radiation, leaks).
 _PAIRED: tuple[Domain, ...] = ("thermal", "hydraulic")
 _MOST_LISTED = 12  # places in a message
-_SIGNAL_KINDS = ("input", "output", "parameter")
+_SIGNAL_KINDS = ("input", "output", "signal", "parameter")
 # The places of the models that were asked for last: every effect of a search asks for those of one model.
 _found: deque[tuple[FlatModel, tuple[Site, ...]]] = deque(maxlen=8)
 
@@ -50,8 +51,8 @@ class ConnectionSet:
 def sites(flat: Model) -> tuple[Site, ...]:
     """All places of the model: nodes, two-terminal components, pairs of thermal and hydraulic nodes,
     connectors where something can be put in series, balances of bare equations, forces, meshes and terminals
-    in them, inputs, outputs and tunable parameters. A model without equations has inputs and outputs
-    alone."""
+    in them, inputs, outputs, signals inside and tunable parameters. A model without equations has inputs and
+    outputs alone."""
     signals = (
         *(Site(x.name, "input", "signal") for x in flat.inputs),
         *(Site(y.name, "output", "signal") for y in flat.outputs),
@@ -61,8 +62,21 @@ def sites(flat: Model) -> tuple[Site, ...]:
     for model, places in _found:
         if model is flat:
             return places
-    net = Network(flat)
+    physical = _physical(flat)
     places = (
+        *physical,
+        *signals,
+        *_inside(flat, physical),
+        *(Site(name, "parameter", "signal") for name in _used_parameters(flat)),
+    )
+    _found.append((flat, places))
+    return places
+
+
+def _physical(flat: FlatModel) -> tuple[Site, ...]:
+    """The places of effects in a physical domain."""
+    net = Network(flat)
+    return (
         *net.nodes(),
         *net.components(),
         *_pairs(net),
@@ -72,11 +86,16 @@ def sites(flat: Model) -> tuple[Site, ...]:
         *_forces(flat),
         *(Site(one.name(flat), "mesh", one.domain, aliases=one.aliases(flat)) for one in meshes(flat)),
         *(Site(one.name(flat), "terminal", "electrical") for one in terminals(flat)),
-        *signals,
-        *(Site(name, "parameter", "signal") for name in _used_parameters(flat)),
     )
-    _found.append((flat, places))
-    return places
+
+
+def _inside(flat: FlatModel, physical: Sequence[Site]) -> list[Site]:
+    """Signals inside of a model, besides its `physical` places; not where events may switch them."""
+    if flat.events is not None:
+        return []
+    taken = {*flat.output_names, *(name for site in physical for name in (site.name, *site.aliases))}
+    found = inner_signals(flat, {site.domain for site in physical}, taken)
+    return [Site(one.name(flat), "signal", "signal") for one in found]
 
 
 def _equations(flat: FlatModel, domain: Domain | None = None) -> list[Site]:
@@ -285,7 +304,7 @@ def _wanted(effect: Effect) -> str:
         "connector": "at a connector",
         "parallel": "in parallel to a component",
         "series": "in series with a connector",
-        "signal": "at an input or output",
+        "signal": "at an input, an output or a signal inside",
         "input": "at an input",
         "output": "at an output",
         "parameter": "at a parameter",

@@ -71,7 +71,7 @@ SITS = {
     "connector": "at a connector",
     "parallel": "parallel to a component",
     "series": "in series with a connector",
-    "signal": "behind an input or before an output",
+    "signal": "behind an input, before an output or at a signal inside",
     "input": "behind an input",
     "output": "before an output",
     "parameter": "in place of a parameter",

@@ -1,0 +1,57 @@
+"""What is missing inside of a loop whose controller is part of the model."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hidden_plants import some_effects
+from scipy.integrate import solve_ivp
+
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.options import DiagnoseOptions
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_text
+
+SERVO = b"""model Servo
+  parameter Real J(unit = "kg.m2", min = 0) = 0.01 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real d(unit = "N.m.s/rad", min = 0) = 0.02 annotation(__Daest(estimate = true, scale = "log"));
+  input Real r(unit = "rad");
+  output Real y(unit = "rad") = phi annotation(__Daest(std = 0.001));
+  Real phi(unit = "rad", start = 0);
+  Real w(unit = "rad/s", start = 0);
+  Real u "Command [N.m]";
+equation
+  u = 20*(r - phi) - 2*w;
+  der(phi) = w;
+  J*der(w) = u - d*w;
+end Servo;
+"""
+STEP, SAMPLES = 0.01, 1200
+
+
+def recorded(limit):
+    """A reference in steps; the command is cut at the limit."""
+    rng = np.random.default_rng(4)
+    levels = np.repeat(rng.uniform(-1, 1, SAMPLES // 60), 60)
+
+    def rate(_, x, r):
+        return [x[1], (np.clip(20 * (r - x[0]) - 2 * x[1], -limit, limit) - 0.03 * x[1]) / 0.012]
+
+    x, angles = [0.0, 0.0], []
+    for r in levels:
+        angles.append(x[0])
+        x = solve_ivp(rate, (0.0, STEP), x, args=(r,), rtol=1e-9, atol=1e-12).y[:, -1]
+    outputs = np.array(angles)[:, None] + 0.001 * rng.standard_normal((SAMPLES, 1))
+    return Experiment("run", STEP * np.arange(SAMPLES), levels[:, None], outputs, ("r",), ("y",))
+
+
+@pytest.mark.parametrize(("limit", "verdict"), [(4.0, "supported"), (1e9, "nothing missing")])
+def test_command_that_is_cut_is_told_from_all_else(limit, verdict):
+    flat = compile_text(SERVO, Path("Servo.mo"))
+    laws = some_effects("Saturation", "DeadZone", "CoulombFriction", "QuadraticDrag", "ConstantLoad")
+    found = diagnose(flat, laws, [recorded(limit)], (), DiagnoseOptions(hold="zoh"))
+    assert found.verdict == verdict
+    if found.proofs and verdict == "supported":
+        law = found.proofs[0].candidate
+        assert law.label == "Saturation at u"
+        assert found.proofs[0].told.theta[f"{law.name}.limit"] == pytest.approx(limit, rel=0.05)

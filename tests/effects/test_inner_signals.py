@@ -1,0 +1,169 @@
+"""Effects at signals inside of a model, commands of controllers and laws of bare equations, against the
+motion by scipy."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from effect_rig import in_steps
+from scipy.integrate import solve_ivp
+
+from daest.modelica.attach import attach
+from daest.modelica.compile import compile_model, compile_text
+from daest.modelica.effects import find_effect
+from daest.modelica.extend import extend_model
+from daest.modelica.place_units import units_at
+from daest.modelica.sites import find_site, fits, sites
+from daest.systems.simulate import simulate
+
+BLOCKS = """model Loop
+  import Daest.Blocks.Math;
+  Daest.Blocks.Interfaces.RealInput r(unit = "rad");
+  Daest.Blocks.Interfaces.RealOutput phi(unit = "rad");
+  Math.Feedback error;
+  Math.Gain p(k = 20);
+  Math.Feedback command;
+  Math.Gain v(k = 2);
+  Daest.Mechanics.Rotational.Sources.Torque motor;
+  Daest.Mechanics.Rotational.Components.Inertia rotor(J = 0.05, phi(start = 0), w(start = 0));
+  Daest.Mechanics.Rotational.Sensors.AngleSensor encoder;
+  Daest.Mechanics.Rotational.Sensors.SpeedSensor tacho;
+equation
+  connect(r, error.u1);
+  connect(encoder.phi, error.u2);
+  connect(error.y, p.u);
+  connect(p.y, command.u1);
+  connect(tacho.w, v.u);
+  connect(v.y, command.u2);
+  connect(command.y, motor.tau);
+  connect(motor.flange, rotor.flange_a);
+  connect(rotor.flange_b, encoder.flange);
+  connect(rotor.flange_b, tacho.flange);
+  connect(encoder.phi, phi);
+end Loop;
+"""
+EQUATIONS = """model Loop
+  input Real r(unit = "rad");
+  output Real phi(unit = "rad", start = 0);
+  Real w(unit = "rad/s", start = 0);
+  Real u(unit = "V");
+equation
+  u = 20*(r - phi) - 2*w;
+  der(phi) = w;
+  0.05*der(w) = u;
+end Loop;
+"""
+BOUND = EQUATIONS.replace('u(unit = "V");', 'u(unit = "V") = 20*(r - phi) - 2*w "Command";').replace(
+    "  u = 20*(r - phi) - 2*w;\n", ""
+)
+FORMS = {"blocks": (BLOCKS, "command.y"), "equations": (EQUATIONS, "u"), "bound": (BOUND, "u")}
+SATURATION = {"share": 1.0, "limit": 1.5, "u_s": 1e-3}
+
+CAR = """model Car
+  input Real delta(unit = "rad");
+  output Real yaw(unit = "rad/s") = r;
+  Real beta(unit = "rad", start = 0);
+  Real r(unit = "rad/s", start = 0);
+  Real af(unit = "rad");
+  Real ar(unit = "rad");
+  Real Ff(unit = "N");
+  Real Fr(unit = "N");
+equation
+  af = delta - beta - 1.2*r/25; ar = -beta + 1.5*r/25;
+  Ff = 8e4*af; Fr = 9e4*ar;
+  1500*25*(der(beta) + r) = Ff + Fr;
+  2500*der(r) = 1.2*Ff - 1.5*Fr;
+end Car;
+"""
+
+
+def inside(text):
+    flat = compile_text(text.encode(), Path("Model.mo"))
+    return {site.name for site in sites(flat) if site.kind == "signal"}
+
+
+def simulated(flat, level):
+    return simulate(flat, (np.linspace(0.0, 1.0, 101), np.full((101, 1), level))).outputs[:, 0]
+
+
+@cache
+def servo(limit):
+    """The angle after a step of the reference by 1 rad, the command cut at the limit."""
+
+    def rate(_, x):
+        return [x[1], np.clip(20 * (1 - x[0]) - 2 * x[1], -limit, limit) / 0.05]
+
+    times = np.linspace(0.0, 1.0, 101)
+    return solve_ivp(rate, (0.0, 1.0), [0.0, 0.0], t_eval=times, rtol=1e-9, atol=1e-12).y[0]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_command_of_a_controller_is_cut(tmp_path, form):
+    text, place = FORMS[form]
+    path = tmp_path / "Loop.mo"
+    path.write_text(text)
+    flat, effect = compile_model(path), find_effect("Signals.Saturation")
+    site = find_site(flat, place, effect)
+    assert site.kind == "signal" and fits(effect, site)
+    assert np.max(np.abs(servo(1.5) - servo(1e9))) > 0.1
+    np.testing.assert_allclose(simulated(flat, 1.0), servo(1e9), atol=1e-4)
+    attached = attach(flat, effect, site, values=SATURATION)
+    written = extend_model(path, None, effect, site, values=SATURATION)
+    for model in (attached, written.flat):
+        np.testing.assert_allclose(simulated(model, 1.0), servo(1.5), atol=1e-3)
+
+
+def test_law_of_a_bare_equation_bends(tmp_path):
+    """The front tyre loses a part of its force that grows with the square of it."""
+    path = tmp_path / "Car.mo"
+    path.write_text(CAR)
+    flat, effect = compile_model(path), find_effect("Signals.QuadraticGain")
+    site = find_site(flat, "Ff", effect)
+    values = {"a": -5e-5, "u_s": 1.0}
+    assert units_at(flat, effect, site) == {"a": "1/N", "u_s": "N"}
+
+    def rate(_, x):
+        linear = 8e4 * (0.05 - x[0] - 1.2 * x[1] / 25)
+        front, rear = linear - 5e-5 * linear * np.sqrt(linear**2 + 1), 9e4 * (-x[0] + 1.5 * x[1] / 25)
+        return [(front + rear) / (1500 * 25) - x[1], (1.2 * front - 1.5 * rear) / 2500]
+
+    expected = solve_ivp(rate, (0.0, 1.0), [0.0, 0.0], t_eval=[1.0], rtol=1e-9, atol=1e-12).y[1, 0]
+    assert abs(simulated(flat, 0.05)[-1] / expected - 1) > 0.1
+    written = extend_model(path, None, effect, site, values=values)
+    for model in (attach(flat, effect, site, values=values), written.flat):
+        assert simulated(model, 0.05)[-1] == pytest.approx(expected, rel=1e-4)
+
+
+def test_two_effects_follow_each_other(tmp_path):
+    path = tmp_path / "Loop.mo"
+    path.write_text(BLOCKS)
+    steps = [("Signals.Saturation", "command.y", SATURATION), ("Signals.Offset", "encoder.phi", {"b": 0.1})]
+    expected, made = in_steps(tmp_path, path, None, steps)
+    np.testing.assert_allclose(simulated(made.flat, 1.0), simulated(expected, 1.0), atol=1e-6)
+    assert not np.allclose(simulated(expected, 1.0), servo(1.5), atol=0.05)
+
+
+def test_places_are_those_where_an_effect_does_what_it_does_nowhere_else():
+    assert inside(BLOCKS) == {"command.y", "p.y", "v.y", "encoder.phi"}, "error.y is p.y in other units"
+    assert inside(EQUATIONS) == {"u"}
+    assert inside(CAR) == {"Ff", "Fr"}, "a slip angle is a tyre force in other units"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        EQUATIONS.replace("20*(r - phi) - 2*w", "20*r"),
+        EQUATIONS.replace('u(unit = "V")', 'u(unit = "N.m")'),
+        EQUATIONS.replace("  0.05*der(w) = u;", "  der(w) = a;\n  a = 20*u;").replace(
+            "equation\n", '  Real a(unit = "rad/s2");\nequation\n'
+        ).replace('Real u(unit = "V");', 'output Real u(unit = "V");'),
+    ],
+    ids=["input", "torque", "output and rate"],
+)  # fmt: skip
+def test_no_place_is_what_another_one_is_already(text):
+    assert inside(text) == set()
+
+
+def test_equation_that_does_not_name_the_signal_first_is_no_place():
+    assert inside(EQUATIONS.replace("u = 20*(r - phi) - 2*w", "20*(r - phi) - 2*w = u")) == set()

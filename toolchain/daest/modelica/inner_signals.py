@@ -1,0 +1,200 @@
+"""Signals inside of a model that may be bent, cut or late on their way: what a block hands to others through
+connections, such as the output of a controller, and variables that bare equations give, such as the force of
+a tyre over its slip angle, `F = c*(delta - beta - l*r/v)`.
+
+Not those where an effect would be none of its own: what follows from one input alone is that input, what goes
+to an output alone is that output, and what one law takes into another signal is that one. Nor flows and
+potentials of a physical domain that has places, whose own effects tell what is missing there; but what is
+made of an input and the motion together is the work of a controller, whatever its unit."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from daest.model.effects import Domain
+from daest.model.flat import FlatModel
+from daest.modelica.balances import own_laws, slopes_near_start
+from daest.modelica.connectors import connectors_of
+from daest.quantities import is_of
+
+_FLOWS: dict[str, Domain] = {
+    "N": "translational",
+    "N.m": "rotational",
+    "W": "thermal",
+    "m3/s": "hydraulic",
+    "A": "electrical",
+}
+_POTENTIALS: dict[str, Domain] = {
+    "m": "translational",
+    "m/s": "translational",
+    "m/s2": "translational",
+    "rad": "rotational",
+    "rad/s": "rotational",
+    "rad/s2": "rotational",
+    "K": "thermal",
+    "Pa": "hydraulic",
+    "V": "electrical",
+}
+
+
+@dataclass(frozen=True)
+class InnerSignal:
+    """Unknown `variable`, which equation `row` gives; the rows `uses` use it, connections alone where it is
+    the output of a block."""
+
+    variable: int
+    row: int
+    uses: tuple[int, ...]
+
+    def name(self, flat: FlatModel) -> str:
+        return flat.unknowns[self.variable].name
+
+
+def inner_signals(
+    flat: FlatModel, domains: Collection[Domain], taken: Collection[str]
+) -> tuple[InnerSignal, ...]:
+    """The signals inside of the model, whose places of other kinds are in these `domains`; variables called
+    as in `taken` are places already."""
+    laws = _Laws(flat)
+    blocks, own = _outputs_of_blocks(flat), {*own_laws(flat)}
+    found: list[InnerSignal] = []
+    for variable, row in laws.given.items():
+        name = flat.unknowns[variable].name
+        is_block = name in blocks
+        if name in taken or not (is_block or (row in own and "." not in name)):
+            continue
+        signal = InnerSignal(variable, row, laws.uses(variable, row, is_block))
+        if laws.is_taken_further(signal) and _is_own(flat, signal, is_block, laws, domains):
+            found.append(signal)
+    kept = {one.variable for one in found}
+    return tuple(one for one in found if laws.alone_in(one) not in kept)
+
+
+def _outputs_of_blocks(flat: FlatModel) -> set[str]:
+    """Variables of components that connections take elsewhere and that belong to no physical connector."""
+    physical = {
+        name for one in connectors_of(flat.unknowns).values() for name in one.variables(flat.unknowns)
+    }
+    connected = (e.text.split(" = ") for e in flat.equations if e.kind == "connection")
+    return {end for ends in connected for end in ends if "." in end} - physical
+
+
+def _is_own(
+    flat: FlatModel, signal: InnerSignal, is_block: bool, laws: _Laws, domains: Collection[Domain]
+) -> bool:
+    """Whether an effect at the signal would do what none does at another place."""
+    inputs, states = laws.sources(signal.variable)
+    if not states and len(inputs) < 2:
+        return False
+    unit = flat.unknowns[signal.variable].unit
+    if is_block or not unit:
+        return True
+    if any(domain in domains and is_of(unit, flow) for flow, domain in _FLOWS.items()):
+        return False
+    is_potential = any(domain in domains and is_of(unit, one) for one, domain in _POTENTIALS.items())
+    return not is_potential or bool(inputs and states)
+
+
+class _Laws:
+    """Which equation gives which unknown, and what it is made of."""
+
+    def __init__(self, flat: FlatModel) -> None:
+        self._flat, self._n = flat, flat.xi.numel()
+        slopes = slopes_near_start(flat)
+        self._unknowns = _used(flat.residual, ca.vertcat(flat.xi, flat.derivatives))
+        self._inputs = _used(flat.residual, flat.u)
+        self._rows = _turned(self._unknowns)
+        self._shown = set().union(*_used(flat.output_expressions, flat.xi))
+        self.given = self._given(slopes)
+        self._made = {row: variable for variable, row in self.given.items()}
+
+    def _given(self, slopes: np.ndarray) -> dict[int, int]:
+        """Unknown -> the row without derivatives that is written `unknown = …`, or connects it to what is
+        given; not for the rate of another unknown."""
+        flat, number = self._flat, {v.name: i for i, v in enumerate(self._flat.unknowns)}
+        rates = {_rate(row) for row in slopes}
+        found: dict[int, int] = {}
+        for row, equation in enumerate(flat.equations):
+            variable = number.get(equation.text.partition(" = ")[0])
+            if variable is None or variable in rates or equation.kind not in ("component", "binding"):
+                continue
+            if abs(slopes[row, variable]) == 1.0 and not np.any(slopes[row, self._n :]):
+                found.setdefault(variable, row)
+        return found
+
+    def uses(self, variable: int, row: int, is_block: bool) -> tuple[int, ...]:
+        """The rows that use an unknown which `row` gives: of a block those of connections."""
+        rows = [i for i in self._rows[variable] if i != row]
+        return tuple(i for i in rows if not is_block or self._is_connection(i))
+
+    def _is_connection(self, row: int) -> bool:
+        return self._flat.equations[row].kind == "connection"
+
+    def is_taken_further(self, signal: InnerSignal) -> bool:
+        """Whether more than an output of the model uses the signal."""
+        return any(self._ends(signal, row) for row in signal.uses)
+
+    def _ends(self, signal: InnerSignal, row: int) -> list[int]:
+        """The rows of laws to which a row takes the signal: itself, or those behind a connection."""
+        if not self._is_connection(row):
+            return [row]
+        others = self._unknowns[row] - {signal.variable}
+        return [i for other in others for i in self._rows[other] if i != row]
+
+    def alone_in(self, signal: InnerSignal) -> int | None:
+        """The unknown that is made of the signal alone, in proportion, where nothing else uses it."""
+        rows = [end for row in signal.uses for end in self._ends(signal, row)]
+        if len(rows) != 1 or self._inputs[rows[0]] or signal.variable in self._shown:
+            return None
+        result = self._made.get(rows[0])
+        used = self._unknowns[rows[0]] - {result}
+        is_line = len(used) == 1 and ca.is_linear(self._flat.residual[rows[0]], self._flat.xi[min(used)])
+        return result if is_line else None
+
+    def sources(self, variable: int) -> tuple[set[int], set[int]]:
+        """The inputs, and the unknowns that no row without derivatives gives, of which an unknown is made."""
+        inputs: set[int] = set()
+        states: set[int] = set()
+        left, seen, passed = [variable], {variable}, set[int]()
+        while left:
+            one = left.pop()
+            links = {row for row in self._rows.get(one, ()) if self._is_connection(row)} - passed
+            rows = {self.given[one]} if one in self.given else links
+            if not rows:
+                states.add(one)
+            for row in rows:
+                passed.add(row)
+                inputs |= self._inputs[row]
+                states |= {used - self._n for used in self._unknowns[row] if used >= self._n}
+                new = {used for used in self._unknowns[row] if used < self._n} - seen
+                seen |= new
+                left += sorted(new)
+        return inputs, states
+
+
+def _rate(slopes: np.ndarray) -> int | None:
+    """The unknown that a row with these `slopes` (2n,) says to be the rate of another one."""
+    used, n = np.flatnonzero(slopes), slopes.size // 2
+    is_rate = len(used) == 2 and used[0] < n <= used[1] and sorted(slopes[used]) == [-1, 1]
+    return int(used[0]) if is_rate else None
+
+
+def _turned(used: Sequence[set[int]]) -> dict[int, list[int]]:
+    """Symbol -> the expressions that it is in."""
+    found: dict[int, list[int]] = {}
+    for row, symbols in enumerate(used):
+        for symbol in symbols:
+            found.setdefault(symbol, []).append(row)
+    return found
+
+
+def _used(expressions: ca.SX, symbols: ca.SX) -> list[set[int]]:
+    """Of each expression (n,), the symbols (m,) in it."""
+    found: list[set[int]] = [set() for _ in range(expressions.numel())]
+    for row, at in zip(*ca.jacobian_sparsity(expressions, symbols).get_triplet(), strict=True):
+        found[row].add(at)
+    return found
