@@ -1,5 +1,6 @@
 """Connectors that call their variables otherwise than the library: known by their units, and joined."""
 
+import numpy as np
 import pytest
 from effect_rig import characteristic, finite_poles
 
@@ -8,7 +9,9 @@ from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import find_effect
 from daest.modelica.extend import extend_model
+from daest.modelica.place_units import units_at
 from daest.modelica.sites import find_site, sites
+from daest.systems.simulate import simulate
 
 OWN = """package Own "Connectors with names of their own"
   connector Heat Real T(unit = "degC"); flow Real Q(unit = "W"); end Heat;
@@ -102,3 +105,49 @@ end Rotor;
     made = extend_model(file, "Rotor", law, find_site(flat, "w", law), parameters={"d": -0.01, "J": 0.3})
     found = {p.name: (p.value, p.min) for p in made.flat.parameters}
     assert found["d"] == (-0.01, -0.01) and found["J"] == (0.3, 0.0)
+
+
+AIR = """package Air "A gas, of which masses flow"
+  connector Port Real p(unit = "Pa"); flow Real m(unit = "kg/s"); end Port;
+  model Vessel Port port; parameter Real k(unit = "kg/Pa") = 6e-7; Real p(unit = "Pa", start = 4e5);
+    equation port.p = p; k*der(p) = port.m; end Vessel;
+  model Line Port a; Port b; parameter Real G(unit = "kg/(s.Pa)") = 1.5e-8;
+    equation a.m = G*(a.p - b.p); a.m + b.m = 0; end Line;
+  model Feed Port port; input Real m(unit = "kg/s"); equation port.m = -m; end Feed;
+  model Rig input Real m(unit = "kg/s"); output Real p(unit = "Pa") = second.p;
+    Vessel first, second; Line line; Feed feed(m = m);
+    equation connect(feed.port, first.port); connect(first.port, line.a); connect(line.b, second.port);
+  end Rig;
+end Air;
+"""
+
+
+@pytest.mark.parametrize(
+    ("effect", "place", "units"),
+    [
+        ("Hydraulic.Leak", "second.port", {"G": "kg/(s.Pa)"}),
+        ("Hydraulic.Orifice", "line.a", {"k": "Pa.s2/kg2", "q_s": "kg/s"}),
+        ("Hydraulic.TurbulentLine", "line", {"k": "kg/s", "p_1": "Pa", "p_s": "Pa"}),
+    ],
+)
+def test_laws_of_flows_are_those_of_masses_where_masses_flow(tmp_path, effect, place, units):
+    file = tmp_path / "Air.mo"
+    file.write_text(AIR)
+    flat, law = compile_model(file, "Air.Rig"), find_effect(effect)
+    site = find_site(flat, place, law)
+    assert units_at(flat, law, site) == units
+    made = extend_model(file, "Air.Rig", law, site, name="law", values={p.name: 1e-9 for p in law.sizes})
+    written = {p.name: p.unit for p in made.flat.parameters if p.name.startswith("law.")}
+    assert written == {f"law.{name}": unit for name, unit in units.items()}
+    attached = attach(flat, law, site, name="law", values={p.name: 1e-9 for p in law.sizes})
+    assert {p.name: p.unit for p in attached.parameters if p.name in written} == written
+
+
+def test_leak_empties_a_vessel_of_gas(tmp_path):
+    """dp/dt = -G*p/k where nothing else flows."""
+    file = tmp_path / "Air.mo"
+    file.write_text(AIR.replace("= 1.5e-8", "= 0"))
+    flat, law = compile_model(file, "Air.Rig"), find_effect("Hydraulic.Leak")
+    made = extend_model(file, "Air.Rig", law, find_site(flat, "second.port", law), values={"G": 1.2e-9})
+    left = simulate(made.flat, (np.linspace(0.0, 100.0, 11), np.zeros((11, 1)))).outputs[:, 0]
+    np.testing.assert_allclose(left, 4e5 * np.exp(-1.2e-9 / 6e-7 * np.linspace(0.0, 100.0, 11)), rtol=1e-6)

@@ -365,7 +365,9 @@ def _assignments(placement: Placement, units: Mapping[str, str], held: Collectio
     for parameter in placement.effect.parameters:
         array, _, index = parameter.name.partition("[")
         value = placement.values.get(parameter.name)
-        unit = units[parameter.name] if parameter.signal_unit else ""
+        known = units[parameter.name]
+        is_of_place = parameter.signal_unit or (placement.site.connectors and known != parameter.unit)
+        unit = known if is_of_place else ""
         if index:
             start = parameter.start if value is None else value
             arrays.setdefault(array + _with_unit(unit, "each "), []).append(number_text(float(start)))

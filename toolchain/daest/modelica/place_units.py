@@ -12,6 +12,7 @@ import numpy as np
 from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
 from daest.modelica.balances import LEVEL, Balance, balances
+from daest.modelica.connectors import MASS_FLOW, connectors_of
 from daest.quantities import dimensions
 
 _FLOWS: dict[Domain, str] = {
@@ -51,7 +52,24 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
             return {p.name: p.unit if _is_made_of(p.unit, own) else "" for p in effect.parameters}
         if balance is not None and balance.is_level(flat):
             return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
+    if site.connectors and _carries_mass(flat, site):
+        return {p.name: _of_mass(p.unit) for p in effect.parameters}
     return {p.name: p.unit for p in effect.parameters}
+
+
+def _carries_mass(flat: FlatModel, site: Site) -> bool:
+    """Whether the connectors of a site carry a mass flow."""
+    connector = connectors_of(flat.unknowns).get(site.connectors[0])
+    return connector is not None and flat.unknowns[connector.flow].unit == MASS_FLOW
+
+
+def _of_mass(unit: str) -> str:
+    """The unit of a law of volume flows where masses flow.
+
+    >>> _of_mass("m3/(s.Pa)"), _of_mass("Pa.s2/m6")
+    ('kg/(s.Pa)', 'Pa.s2/kg2')
+    """
+    return unit.replace("m3", "kg").replace("m6", "kg2")
 
 
 def flow_unit(flat: FlatModel, site: Site) -> str:

@@ -1,7 +1,7 @@
 within Daest.Effects.Hydraulic;
 model Downpipe "Turbulent flow down into the next vessel, through a hole or a pipe that ends above its liquid"
   extends Daest.Hydraulic.Interfaces.PartialLine;
-  parameter SI.VolumeFlowRate k(min = 0) = 1e-6 "Flow at 1 Pa above the outlet"
+  parameter Real k(unit = "m3/s", min = 0) = 1e-6 "Flow at 1 Pa above the outlet"
     annotation(__Daest(estimate = true, role = "size", null = 0));
   parameter SI.Pressure p_0 = 0 "Pressure at port_a when the liquid is no higher than the end of the outlet"
     annotation(__Daest(estimate = true, role = "shape", of = "p", grid = {0.0, 0.3}));

@@ -1,7 +1,7 @@
 within Daest.Effects.Hydraulic;
 model TurbulentLine "Turbulent flow from one vessel to the next"
   extends Daest.Hydraulic.Interfaces.PartialLine;
-  parameter SI.VolumeFlowRate k(min = 0) = 1e-6 "Flow at a pressure drop of 1 Pa"
+  parameter Real k(unit = "m3/s", min = 0) = 1e-6 "Flow at a pressure drop of 1 Pa"
     annotation(__Daest(estimate = true, role = "size", null = 0));
   parameter SI.Pressure p_s(min = 1e-12) = 1 "Pressure drop over which the flow is laminar"
     annotation(__Daest(role = "sharpness", of = "dp", grid = {0.01}));
