@@ -9,6 +9,7 @@ import pytest
 from effect_rig import in_steps
 from scipy.integrate import solve_ivp
 
+from daest.diagnosis.loads import load_sites
 from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model, compile_text
 from daest.modelica.effects import find_effect
@@ -163,6 +164,23 @@ def test_places_are_those_where_an_effect_does_what_it_does_nowhere_else():
 )  # fmt: skip
 def test_no_place_is_what_another_one_is_already(text):
     assert inside(text) == set()
+
+
+def test_potential_of_a_connector_is_no_signal():
+    """Whatever domain it is of: what passes there has a flow as well."""
+    text = """package P
+      connector Port Real c(unit = "mol/m3"); flow Real n(unit = "mol/s"); end Port;
+      model Cell Port port; equation 2*der(port.c) = port.n; end Cell;
+      model Wall Port a; Port b; equation a.n = 0.02*(a.c - b.c); a.n + b.n = 0; end Wall;
+      model Feed Port port; input Real n; equation port.n = -n; end Feed;
+      model Rig input Real n; output Real y = second.port.c; Cell first, second; Wall wall; Feed feed(n = n);
+        equation connect(feed.port, first.port); connect(first.port, wall.a); connect(wall.b, second.port);
+      end Rig;
+    end P;"""
+    flat = compile_text(text.encode(), Path("P.mo"), "P.Rig")
+    assert not [site for site in sites(flat) if site.kind == "signal"]
+    loads = [site.name.partition(":")[2] for site in load_sites(flat)]
+    assert loads == ["first.port.c", "second.port.c"], "but what no unit tells may have loads"
 
 
 def test_equation_that_does_not_name_the_signal_first_is_no_place():

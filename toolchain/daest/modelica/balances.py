@@ -66,10 +66,11 @@ def needs_position(domain: Domain) -> bool:
     return domain in _MECHANICAL
 
 
-def balances(flat: FlatModel) -> list[Balance]:
-    """Rows of the model itself, not of its components, that hold the rate of an unknown and more than
-    that. What events assign has no balance: it stands still between them."""
-    rows = [i for i, e in enumerate(flat.equations) if e.kind == "component" and not e.origin]
+def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
+    """Rows of the model itself, and `everywhere` of its components, too, that hold the rate of an unknown and
+    more than that. What events assign has no balance: it stands still between them."""
+    laws = [i for i, e in enumerate(flat.equations) if e.kind == "component"]
+    rows = [i for i in laws if everywhere or not flat.equations[i].origin]
     if not rows:
         return []
     slopes = slopes_near_start(flat)

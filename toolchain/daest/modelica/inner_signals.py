@@ -18,7 +18,6 @@ import numpy as np
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.modelica.balances import own_laws, slopes_near_start
-from daest.modelica.connectors import connectors_of
 from daest.quantities import is_of
 
 _FLOWS: dict[str, Domain] = {
@@ -75,12 +74,11 @@ def inner_signals(
 
 
 def _outputs_of_blocks(flat: FlatModel) -> set[str]:
-    """Variables of components that connections take elsewhere and that belong to no physical connector."""
-    physical = {
-        name for one in connectors_of(flat.unknowns).values() for name in one.variables(flat.unknowns)
-    }
+    """Variables of components that connections take elsewhere, and that belong to no connector with a
+    flow."""
+    physical = {x.name.rpartition(".")[0] for x in flat.unknowns if x.is_flow}
     connected = (e.text.split(" = ") for e in flat.equations if e.kind == "connection")
-    return {end for ends in connected for end in ends if "." in end} - physical
+    return {end for ends in connected for end in ends if end.rpartition(".")[0] not in {"", *physical}}
 
 
 def _is_own(

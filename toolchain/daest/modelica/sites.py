@@ -123,12 +123,12 @@ def _of_fitting_units(flat: FlatModel) -> list[Balance]:
 
 
 def untold_balances(flat: FlatModel) -> list[Site]:
-    """Balances among the model's own equations whose domain no unit tells: a load may act there, and no
-    effect of the library but those of signals fits."""
+    """Balances whose domain no unit tells, among the model's own equations, or else among those of its
+    components: a load may act there, and no effect of the library but those of signals fits."""
+    own = [one for one in balances(flat) if one.domain(flat) is None]
     return [
         Site(one.name(flat), "equation", "signal", aliases=(flat.equations[one.row].text,))
-        for one in balances(flat)
-        if one.domain(flat) is None
+        for one in own or balances(flat, everywhere=True)
     ]
 
 
