@@ -136,6 +136,33 @@ def test_law_of_a_bare_equation_bends(tmp_path):
         assert simulated(model, 0.05)[-1] == pytest.approx(expected, rel=1e-4)
 
 
+def test_output_of_a_block_that_integrates_is_cut(tmp_path):
+    """A drive of first order before the rotor: what the drive holds is not what its effect lets through."""
+    drive = """block Drive "Of first order"
+  Daest.Blocks.Interfaces.RealInput u; Daest.Blocks.Interfaces.RealOutput y(start = 0);
+equation
+  der(y) = (u - y)/0.05;
+end Drive;
+"""
+    text = BLOCKS.replace("  Math.Feedback error;\n", "  Math.Feedback error;\n  Drive drive;\n")
+    text = text.replace(
+        "connect(command.y, motor.tau)", "connect(command.y, drive.u);\n  connect(drive.y, motor.tau)"
+    )
+    path = tmp_path / "Loop.mo"
+    path.write_text(drive + text)
+    flat, effect = compile_model(path, "Loop"), find_effect("Signals.Saturation")
+    site = find_site(flat, "drive.y", effect)
+
+    def rate(_, x):
+        return [x[1], np.clip(x[2], -1.5, 1.5) / 0.05, (20 * (1 - x[0]) - 2 * x[1] - x[2]) / 0.05]
+
+    times = np.linspace(0.0, 1.0, 101)
+    expected = solve_ivp(rate, (0.0, 1.0), [0.0] * 3, t_eval=times, rtol=1e-9, atol=1e-12).y[0]
+    written = extend_model(path, "Loop", effect, site, values=SATURATION)
+    for model in (attach(flat, effect, site, values=SATURATION), written.flat):
+        np.testing.assert_allclose(simulated(model, 1.0), expected, atol=1e-3)
+
+
 def test_two_effects_follow_each_other(tmp_path):
     path = tmp_path / "Loop.mo"
     path.write_text(BLOCKS)

@@ -496,15 +496,15 @@ class _Assembly:
     def _behind_signal(self, member: _Member, name: str) -> None:
         """The uses of a signal inside of the model take the effect's output: connections to other blocks, or
         all equations but that which gives it."""
-        given = next(
+        owner = name.rpartition(".")[0]
+        kept = [
             i
             for i, e in enumerate(self.equations)
-            if e.kind in ("component", "binding") and e.text.partition(" = ")[0] == name
-        )
-        owner = self.equations[given].origin
-        kept = [i for i, e in enumerate(self.equations) if owner and e.origin == owner]
+            if e.kind in ("component", "binding")
+            and (e.origin == owner if owner else e.text.partition(" = ")[0] == name)
+        ]
         source = self._symbol[name]
-        self._substitute(source, member.symbols["y"], name, f"{member.name}.y", member, {given, *kept})
+        self._substitute(source, member.symbols["y"], name, f"{member.name}.y", member, kept)
         self._connect(name, source, f"{member.name}.u", member.symbols["u"])
 
     def _substitute(

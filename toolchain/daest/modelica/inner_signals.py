@@ -61,10 +61,10 @@ def inner_signals(
     laws = _Laws(flat)
     blocks, own = _outputs_of_blocks(flat), {*own_laws(flat)}
     found: list[InnerSignal] = []
-    for variable, row in laws.given.items():
+    for variable, row in (*laws.given.items(), *laws.integrated.items()):
         name = flat.unknowns[variable].name
         is_block = name in blocks
-        if name in taken or not (is_block or (row in own and "." not in name)):
+        if name in taken or not (is_block or (row in own and variable in laws.given and "." not in name)):
             continue
         signal = InnerSignal(variable, row, laws.uses(variable, row, is_block))
         if laws.is_taken_further(signal) and _is_own(flat, signal, is_block, laws, domains):
@@ -108,6 +108,7 @@ class _Laws:
         self._rows = _turned(self._unknowns)
         self._shown = set().union(*_used(flat.output_expressions, flat.xi))
         self.given = self._given(slopes)
+        self.integrated = self._integrated()
         self._made = {row: variable for variable, row in self.given.items()}
 
     def _given(self, slopes: np.ndarray) -> dict[int, int]:
@@ -123,6 +124,12 @@ class _Laws:
             if abs(slopes[row, variable]) == 1.0 and not np.any(slopes[row, self._n :]):
                 found.setdefault(variable, row)
         return found
+
+    def _integrated(self) -> dict[int, int]:
+        """Unknown -> the row that is written `der(unknown) = …`."""
+        number = {f"der({v.name})": i for i, v in enumerate(self._flat.unknowns)}
+        lefts = (equation.text.partition(" = ")[0] for equation in self._flat.equations)
+        return {number[left]: row for row, left in enumerate(lefts) if left in number}
 
     def uses(self, variable: int, row: int, is_block: bool) -> tuple[int, ...]:
         """The rows that use an unknown which `row` gives: of a block those of connections."""
