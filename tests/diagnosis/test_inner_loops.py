@@ -29,18 +29,19 @@ end Servo;
 STEP, SAMPLES = 0.01, 1200
 
 
-def recorded(limit):
-    """A reference in steps; the command is cut at the limit."""
+def recorded(limit, friction=0.0):
+    """A reference in steps; the command is cut at the limit, and dry friction [N.m] holds the rotor."""
     rng = np.random.default_rng(4)
     levels = np.repeat(rng.uniform(-1, 1, SAMPLES // 60), 60)
 
     def rate(_, x, r):
-        return [x[1], (np.clip(20 * (r - x[0]) - 2 * x[1], -limit, limit) - 0.03 * x[1]) / 0.012]
+        torque = np.clip(20 * (r - x[0]) - 2 * x[1], -limit, limit) - friction * np.tanh(x[1] / 0.005)
+        return [x[1], (torque - 0.03 * x[1]) / 0.012]
 
     x, angles = [0.0, 0.0], []
     for r in levels:
         angles.append(x[0])
-        x = solve_ivp(rate, (0.0, STEP), x, args=(r,), rtol=1e-9, atol=1e-12).y[:, -1]
+        x = solve_ivp(rate, (0.0, STEP), x, "LSODA", args=(r,), rtol=1e-9, atol=1e-12).y[:, -1]
     outputs = np.array(angles)[:, None] + 0.001 * rng.standard_normal((SAMPLES, 1))
     return Experiment("run", STEP * np.arange(SAMPLES), levels[:, None], outputs, ("r",), ("y",))
 
@@ -55,3 +56,13 @@ def test_command_that_is_cut_is_told_from_all_else(limit, verdict):
         law = found.proofs[0].candidate
         assert law.label == "Saturation at u"
         assert found.proofs[0].told.theta[f"{law.name}.limit"] == pytest.approx(limit, rel=0.05)
+
+
+def test_friction_is_among_the_names_beside_a_dead_zone_of_the_controller():
+    """Without overshoot they do the same."""
+    flat = compile_text(SERVO, Path("Servo.mo"))
+    laws = some_effects("DeadZone", "CoulombFriction")
+    found = diagnose(flat, laws, [recorded(1e9, friction=0.4)], (), DiagnoseOptions(hold="zoh"))
+    law = next(p for p in found.proofs if p.candidate.effect.name == "CoulombFriction")
+    assert law.verdict != "rejected" and law.candidate.site.name.endswith(":w")
+    assert law.told.theta[f"{law.candidate.name}.tau_c"] == pytest.approx(0.4, rel=0.03)

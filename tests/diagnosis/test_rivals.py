@@ -18,6 +18,7 @@ from daest.diagnosis.rivals import (
     best_dynamic,
     best_simulation,
     dynamic_fits,
+    kinked_elsewhere,
     no_richer_ones,
     not_begun_by,
     other_forms,
@@ -81,6 +82,23 @@ def test_other_laws_of_a_signal_are_tried_beside_the_best_one():
     assert others and {c.site.name for c in elsewhere} == others
     assert {c.effect.name for c in elsewhere} == {"QuadraticGain"}
     assert signal_laws(proof, SimpleNamespace(entries=entries), [proof]) == ()
+
+
+def test_kink_of_a_rival_elsewhere_is_fitted_where_that_of_the_leader_is():
+    """Friction behind a controller does much what a dead zone in it does: a kink must not decide unfitted."""
+    _, _, friction = proved("CoulombFriction")
+    zone = next(c for c in pairs(some_effects("DeadZone"), sites(model())) if c.site.kind == "input")
+    rounder = replace(friction.fit.parameters[0], name=f"{zone.name}.u_s")
+    fit = replace(friction.fit, parameters=(*friction.fit.parameters, rounder))
+    leader = replace(friction, candidate=zone, fit=fit)
+    half = replace(friction, delta_log_likelihood=0.6 * leader.delta_log_likelihood)
+    assert kinked_elsewhere(leader, [leader, half]) == [half]
+    assert kinked_elsewhere(replace(leader, fit=friction.fit), [half]) == [], "neither kink is fitted"
+    less = replace(half, delta_log_likelihood=0.4 * leader.delta_log_likelihood)
+    here = replace(half, candidate=replace(friction.candidate, site=zone.site))
+    assert kinked_elsewhere(leader, [less, here]) == []
+    others = [replace(half, delta_log_likelihood=f * leader.delta_log_likelihood) for f in (0.7, 0.9, 0.8)]
+    assert kinked_elsewhere(leader, others) == [others[1], others[2]]
 
 
 def test_law_is_tried_in_its_other_direction():

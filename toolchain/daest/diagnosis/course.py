@@ -26,6 +26,7 @@ from daest.diagnosis.rivals import (
     DynamicFits,
     best_dynamic,
     held_at_bounds,
+    kinked_elsewhere,
     no_richer_ones,
     not_begun_by,
     other_forms,
@@ -159,6 +160,10 @@ class Course:
             doubted = [best] if leaves_something(best) else []
             doubted += no_richer_ones(best, proofs)
             proofs = _with_better_kinks(proofs, stages.proved(rounded(null, doubted), ())[0])
+            best = best_start(ranked(proofs))
+        if best is not None:
+            elsewhere = kinked_elsewhere(best, proofs)
+            proofs = _with_better_kinks(proofs, stages.proved(rounded(null, elsewhere), ())[0])
             best = best_start(ranked(proofs))
         if best is not None and leaves_something(best):
             again = stages.proved(other_forms(null, best), ())[0]

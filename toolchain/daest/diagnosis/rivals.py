@@ -42,6 +42,7 @@ from daest.systems.state_space import state_space_family
 MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
 MOST_SIMPLER = 2
+MOST_ROUNDED = 2  # laws at other places
 ITERATIONS = 15
 LAGS = (1.0, 10.0, 100.0)  # sampling periods, from which the size of a delay or lag is looked for
 BENT_LAGS = LAGS[:2]  # the same where every run takes longer
@@ -316,6 +317,31 @@ def no_richer_ones(best: Proof, tried: Sequence[Proof]) -> list[Proof]:
         and len(p.candidate.estimated) <= len(best.candidate.estimated)
         and p.fit.log_likelihood > best.fit.log_likelihood - GATES.hopeless_log_likelihood
     ]
+
+
+def kinked_elsewhere(best: Proof, tried: Sequence[Proof]) -> list[Proof]:
+    """The likeliest laws at other places whose kinks are rounded as the screen had them, where the kink of
+    `best` is as round as the recordings have it: dry friction behind a controller is much like a dead zone in
+    it, and which of the two they are tells the kink."""
+    if not _fitted_kinks(best):
+        return []
+    least = GATES.min_doubted_gain * best.delta_log_likelihood
+    doubted = [
+        p
+        for p in tried
+        if p.candidate.site != best.candidate.site
+        and p.delta_log_likelihood > least
+        and any(own.role == "sharpness" for own in p.candidate.effect.parameters)
+        and not _fitted_kinks(p)
+    ]
+    return sorted(doubted, key=lambda p: -p.delta_log_likelihood)[:MOST_ROUNDED]
+
+
+def _fitted_kinks(proof: Proof) -> list[str]:
+    """The parameters that round a kink of the law and were fitted."""
+    candidate, fitted = proof.candidate, {p.name for p in proof.fit.parameters}
+    names = [f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.role == "sharpness"]
+    return [name for name in names if name in fitted]
 
 
 def rounded(null: Null, proofs: Sequence[Proof]) -> tuple[Prepared, ...]:
