@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hidden_plants import some_effects
+from hidden_plants import library, some_effects
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis.diagnose import diagnose
@@ -66,3 +66,43 @@ def test_friction_is_among_the_names_beside_a_dead_zone_of_the_controller():
     law = next(p for p in found.proofs if p.candidate.effect.name == "CoulombFriction")
     assert law.verdict != "rejected" and law.candidate.site.name.endswith(":w")
     assert law.told.theta[f"{law.candidate.name}.tau_c"] == pytest.approx(0.4, rel=0.03)
+
+
+OVEN = b"""model Oven
+  parameter Real C(unit = "J/K", min = 0) = 800 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real G(unit = "W/K", min = 0) = 5 annotation(__Daest(estimate = true, scale = "log"));
+  input Real r(unit = "degC");
+  output Real y(unit = "degC") = T annotation(__Daest(std = 0.1));
+  Real T(unit = "degC", start = 60);
+  Real I(unit = "W", start = 0);
+  Real P(unit = "W");
+equation
+  P = 40*(r - T) + I;
+  der(I) = 0.05*(r - T);
+  C*der(T) = P - G*(T - 20);
+end Oven;
+"""
+
+
+def test_heater_does_not_cool():
+    rng = np.random.default_rng(11)
+    levels = np.repeat(rng.uniform(40, 120, 10), 150)
+
+    def rate(_, x, r):
+        return [(max(40 * (r - x[0]) + x[1], 0.0) - 4 * (x[0] - 20)) / 900, 0.05 * (r - x[0])]
+
+    x, heat = [60.0, 0.0], []
+    for r in levels:
+        heat.append(x[0])
+        x = solve_ivp(rate, (0.0, 10.0), x, args=(r,), rtol=1e-9, atol=1e-9).y[:, -1]
+    outputs = np.array(heat)[:, None] + 0.1 * rng.standard_normal((levels.size, 1))
+    run = Experiment("run", 10.0 * np.arange(levels.size), levels[:, None], outputs, ("r",), ("y",))
+    names = ("OneSidedLimit", "Saturation", "DeadZone", "QuadraticGain", "HeatLoss", "Radiation")
+    laws = [law for law in library() if law.name in names]
+    found = diagnose(compile_text(OVEN, Path("Oven.mo")), laws, [run], (), DiagnoseOptions(hold="zoh"))
+    law = found.proofs[0].candidate
+    assert found.verdict == "supported" and law.label == "OneSidedLimit at P"
+    fitted = {p.name: p for p in found.proofs[0].told.parameters}
+    assert fitted[f"{law.name}.share"].value == pytest.approx(1.0, abs=0.01)
+    limit = fitted[f"{law.name}.limit"]
+    assert abs(limit.value) < max(4 * limit.std_error, 5.0)

@@ -72,6 +72,7 @@ def test_null_is_the_nominal_model(effect, site) -> None:
             "Hydraulic.Orifice",
             "Signals.DeadZone",
             "Signals.Saturation",
+            "Signals.OneSidedLimit",
         ),
         *("General.DriftingParameter", "Signals.AbsoluteValueSensor", "Signals.QuadraticGain"),
     ],

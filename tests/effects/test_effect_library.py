@@ -45,7 +45,7 @@ EXPECTED = {
     "Hydraulic": frozenset(["Orifice", "Overflow", "Weir", "Downpipe", "FreeOutlet"]),
     "Signals": frozenset(
         [
-            *("DeadZone", "Saturation", "Offset", "Gain", "QuadraticGain", "Lag", "Delay"),
+            *("DeadZone", "Saturation", "OneSidedLimit", "Offset", "Gain", "QuadraticGain", "Lag", "Delay"),
             *("AbsoluteValueSensor", "Drift"),
         ]
     ),

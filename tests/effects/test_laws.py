@@ -107,6 +107,10 @@ OTHERS: dict[str, tuple[str, Law]] = {
             v["u"] - v["share"] * (ramp(v["u"] - v["limit"], v["u_s"]) - ramp(-v["u"] - v["limit"], v["u_s"]))
         ),
     ),
+    "OneSidedLimit": (
+        "y",
+        lambda v: v["u"] - v["share"] * v["side"] * ramp(v["side"] * (v["u"] - v["limit"]), v["u_s"]),
+    ),
     "Offset": ("y", lambda v: v["u"] + v["b"]),
     "Gain": ("y", lambda v: (1 + v["g"]) * v["u"]),
     "QuadraticGain": ("y", lambda v: v["u"] * (1 + v["a"] * np.hypot(v["u"], v["u_s"]))),

@@ -20,24 +20,13 @@ from daest.model.flat import FlatModel
 from daest.modelica.balances import own_laws, slopes_near_start
 from daest.quantities import is_of
 
-_FLOWS: dict[str, Domain] = {
-    "N": "translational",
-    "N.m": "rotational",
-    "W": "thermal",
-    "m3/s": "hydraulic",
-    "A": "electrical",
-}
-_POTENTIALS: dict[str, Domain] = {
-    "m": "translational",
-    "m/s": "translational",
-    "m/s2": "translational",
-    "rad": "rotational",
-    "rad/s": "rotational",
-    "rad/s2": "rotational",
-    "K": "thermal",
-    "Pa": "hydraulic",
-    "V": "electrical",
-}
+_UNITS: dict[str, Domain] = {
+    **dict.fromkeys(("N", "m", "m/s", "m/s2"), "translational"),
+    **dict.fromkeys(("N.m", "rad", "rad/s", "rad/s2"), "rotational"),
+    **dict.fromkeys(("W", "K"), "thermal"),
+    **dict.fromkeys(("m3/s", "Pa"), "hydraulic"),
+    **dict.fromkeys(("A", "V"), "electrical"),
+}  # of flows and potentials
 
 
 @dataclass(frozen=True)
@@ -89,12 +78,8 @@ def _is_own(
     if not states and len(inputs) < 2:
         return False
     unit = flat.unknowns[signal.variable].unit
-    if is_block or not unit:
-        return True
-    if any(domain in domains and is_of(unit, flow) for flow, domain in _FLOWS.items()):
-        return False
-    is_potential = any(domain in domains and is_of(unit, one) for one, domain in _POTENTIALS.items())
-    return not is_potential or bool(inputs and states)
+    is_physical = any(domain in domains and is_of(unit, one) for one, domain in _UNITS.items())
+    return is_block or not is_physical or bool(inputs and states)
 
 
 class _Laws:

@@ -29,7 +29,12 @@ _TOLERANCE = 1e-9
 # Exchange between bodies that no component joins is plausible in these domains (air, radiation, leaks).
 _PAIRED: tuple[Domain, ...] = ("thermal", "hydraulic")
 _MOST_LISTED = 12  # places in a message
-_SIGNAL_KINDS = ("input", "output", "signal", "parameter")
+_SIGNALS: dict[str, tuple[str, ...]] = {  # what is attached to a signal of each kind
+    "input": ("signal", "input"),
+    "output": ("signal", "output"),
+    "signal": ("signal", "input"),
+    "parameter": ("parameter",),
+}
 # The places of the models that were asked for last: every effect of a search asks for those of one model.
 _found: deque[tuple[FlatModel, tuple[Site, ...]]] = deque(maxlen=8)
 
@@ -182,9 +187,8 @@ def _used_parameters(flat: FlatModel) -> list[str]:
 
 def fits(effect: Effect, site: Site) -> bool:
     """Whether the effect can be attached at the site."""
-    if site.kind in _SIGNAL_KINDS:
-        signals = ("signal", site.kind) if site.kind != "parameter" else ("parameter",)
-        return effect.attach in signals
+    if site.kind in _SIGNALS:
+        return effect.attach in _SIGNALS[site.kind]
     if effect.domain != site.domain:
         return False
     if site.kind in ("node", "equation"):
@@ -286,7 +290,7 @@ def _unknown(name: str, known: Sequence[Site], effect: Effect | None) -> ModelEr
 
 def _unfit(effect: Effect, site: Site, known: Sequence[Site]) -> ModelError:
     usable = [one for one in known if fits(effect, one)]
-    what = site.told if site.kind not in _SIGNAL_KINDS else f"the {site.kind}"
+    what = site.told if site.kind not in _SIGNALS else f"the {site.kind}"
     why = ""
     if effect.attach == "parallel" and site.domain == effect.domain and site.kind == "component":
         missing = [p.given_from for p in effect.parameters if p.required and p.given_from not in site.given]
@@ -305,7 +309,7 @@ def _wanted(effect: Effect) -> str:
         "parallel": "in parallel to a component",
         "series": "in series with a connector",
         "signal": "at an input, an output or a signal inside",
-        "input": "at an input",
+        "input": "at an input or a signal inside",
         "output": "at an output",
         "parameter": "at a parameter",
     }[effect.attach]

@@ -72,7 +72,7 @@ SITS = {
     "parallel": "parallel to a component",
     "series": "in series with a connector",
     "signal": "behind an input, before an output or at a signal inside",
-    "input": "behind an input",
+    "input": "behind an input or at a signal inside",
     "output": "before an output",
     "parameter": "in place of a parameter",
 }
