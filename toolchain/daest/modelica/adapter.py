@@ -14,6 +14,7 @@ from typing import Any, Literal, TypeGuard
 from daest.errors import ModelError
 from daest.modelica import syntax as s
 from daest.modelica.dialect import CONSTRUCTOR, MARK, OPERATORS
+from daest.modelica.modification_trees import unpacked
 from daest.modelica.text import text
 
 _BINARY = {
@@ -89,6 +90,7 @@ def span(value: dict[str, Any] | None) -> s.Span | None:
 def _variable(v: dict[str, Any], flat: dict[str, Any]) -> s.FlatVariable:
     name = v["name"]
     type_name = flat["variable_type_names"].get(name, "Real")
+    binding, given = unpacked(expression(v["binding"]) if v["binding"] else None)
     return s.FlatVariable(
         name=name,
         type_name=type_name,
@@ -99,15 +101,15 @@ def _variable(v: dict[str, Any], flat: dict[str, Any]) -> s.FlatVariable:
         is_discrete=bool(v["is_discrete_type"]) or type_name in _DISCRETE_TYPES or _is_enumeration(v, flat),
         is_top_level=_is_top_level(name, flat),
         dimensions=tuple(v["dims"]),
-        start=_declared(v["start"], v),
+        start=given.get("start") or _declared(v["start"], v),
         fixed=tuple(v["fixed"] or ()),
-        min=_declared(v["min"], v),
-        max=_declared(v["max"], v),
-        nominal=_declared(v["nominal"], v),
+        min=given.get("min") or _declared(v["min"], v),
+        max=given.get("max") or _declared(v["max"], v),
+        nominal=given.get("nominal") or _declared(v["nominal"], v),
         unit=v["unit"] if isinstance(v["unit"], str) else "",
         description=v["description"] or "",
         state_select=_STATE_SELECT.get(v["state_select"], "default"),
-        binding=expression(v["binding"]) if v["binding"] else None,
+        binding=binding,
         span=span(v["source_span"]),
         is_bus_member=bool(v.get("from_expandable_connector")),
     )

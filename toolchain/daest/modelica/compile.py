@@ -15,6 +15,8 @@ from daest.modelica.assemble import assemble
 from daest.modelica.bus_members import expandable_connectors
 from daest.modelica.change import declare, with_values
 from daest.modelica.compiler import Job, compile_source, modification, with_room
+from daest.modelica.components import Classes
+from daest.modelica.constraining import with_constrained_redeclarations, with_constraining_modifications
 from daest.modelica.dialect import Names, adapted, with_named_classes, without_broken, without_quotes
 from daest.modelica.excerpt import adapted_text, excerpt, may_extend
 from daest.modelica.fitting import with_bases
@@ -28,6 +30,7 @@ from daest.modelica.library import (
     readable_roots,
 )
 from daest.modelica.modifications import check_modifications
+from daest.modelica.nested_modifications import with_taken_modifications
 from daest.modelica.outline import class_heads, tokens
 from daest.modelica.parameters import is_parameter
 from daest.modelica.source import read_source, select_class
@@ -68,7 +71,8 @@ def compile_text(
     `compile_model` raises."""
     text, names = without_quotes(text)
     name = _chosen_class(text, names, path, class_name)
-    text = with_named_classes(without_broken(text, path, name), path, name)
+    text = _with_constraints(without_broken(text, path, name), path)
+    text = with_named_classes(text, path, name)
     folders = library_roots(libraries)
     bases: dict[str, str] = {}
     while True:
@@ -105,8 +109,26 @@ def _with_part(
             # What no file of the library declares is missing in the whole of it, too.
             if problem.code not in _MISSING or failures.is_missing_in_library(problem):
                 raise
+    text = _with_own_modifications(text)
     whole = Job(path, text, name, readable_roots(folders, text, path), names=names)
     return with_room(lambda: _compile(whole, dict(overrides or {})))
+
+
+def _with_own_modifications(text: bytes) -> bytes:
+    """The text with its modifications as the compiler takes them, as far as its own classes tell."""
+    return with_taken_modifications(text, _own_classes(text))
+
+
+def _with_constraints(text: bytes, path: Path) -> bytes:
+    """The text with what constraining classes say where the compiler does not see it."""
+    text = with_constrained_redeclarations(text, path, _own_classes(text))
+    return with_constraining_modifications(text)
+
+
+def _own_classes(text: bytes) -> Classes:
+    """The classes of the text alone."""
+    own = {head.name for head in class_heads(text)}
+    return Classes(lambda full: text if full in own else None)
 
 
 # Errors that an excerpt of a library may cause by what it lacks.
@@ -124,7 +146,7 @@ def _excerpt(
     words = {token.text for token in tokens(text) if token.kind == "name"}
     if known & words:
         return excerpt(entries, bundled, text, path, bases)
-    if adapted(text) != text or expandable_connectors(text):
+    if adapted(_with_own_modifications(text)) != text or expandable_connectors(text):
         return excerpt([], bundled, text, path)
     # A text that names no library is compiled in no time where the compiler has not to look at any.
     is_named = any(library_name(entry) in words for folder in bundled for entry in library_entries(folder))

@@ -56,7 +56,6 @@ from daest.modelica.outline import (
     place_of,
     tokens,
 )
-from daest.modelica.values_apart import with_values_apart
 
 DER, DELAY = "deR", "delaY"
 """The functions that stand for der() of an expression and for delay()."""
@@ -123,7 +122,6 @@ def adapted(text: bytes) -> bytes:
     if b"ExternalObject" in text:
         text = _without_objects(text)
     text = _with_full_imports(_without_inner_bases(text.replace(_C_TABLES, _C_TABLES.upper())))
-    text = with_values_apart(text)
     if b"function find" in text:
         heads = {head.name for head in class_heads(text)}
         for name in _LOOPS_OVER_LETTERS:

@@ -1,0 +1,234 @@
+"""Legal forms of modifications, with what they mean by the Language Specification (chapter 7), worked out by
+hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daest.errors import ModelError
+from daest.modelica.compile import compile_text
+
+PART = """model Part
+  parameter Real k(min = 0, unit = "N") = 2;
+  parameter Real d = 1;
+  Real x(start = 1, fixed = true);
+equation
+  der(x) = -d*x + 0*k;
+end Part;
+model Free
+  Real x;
+equation
+  der(x) = -x;
+end Free;
+model Around
+  Part b;
+end Around;
+"""
+LAWS = """package Laws
+  partial model Law
+    parameter Real g = 1;
+    parameter Real h = 1;
+    input Real w;
+    output Real t;
+  end Law;
+  model A
+    extends Law;
+  equation
+    t = g*h*w;
+  end A;
+  model Q
+    extends Law;
+    parameter Real c = 2;
+  equation
+    t = c*g*h*w;
+  end Q;
+  model Drive
+    replaceable model F = A(h = 3) constrainedby Law(g(max = 8) = 3, h = 2);
+    F a(w = x);
+    Real x(start = 1, fixed = true);
+  equation
+    der(x) = -a.t;
+  end Drive;
+  model Component
+    replaceable A a "declared" constrainedby Law(g(max = 8) = 3, h = 2) "wanted";
+    Real x(start = 1, fixed = true);
+  equation
+    a.w = x;
+    der(x) = -a.t;
+  end Component;
+end Laws;
+"""
+
+
+def facts(text: str, name: str = "M") -> dict[str, dict[str, Any]]:
+    """What the compiled model says of its parameters and unknowns."""
+    flat = compile_text(text.encode(), Path("M.mo"), name)
+    known = {p.name: {"value": p.value, "min": p.min, "max": p.max, "unit": p.unit} for p in flat.parameters}
+    for x in flat.unknowns:
+        known[x.name] = {
+            "start": x.start, "fixed": x.fixed, "min": x.min, "max": x.max, "nominal": x.nominal
+        }  # fmt: skip
+    return known
+
+
+def assert_facts(text: str, expected: dict[str, dict[str, Any]], name: str = "M") -> None:
+    known = facts(text, name)
+    for variable, wanted in expected.items():
+        assert wanted == {key: known[variable][key] for key in wanted}, variable
+
+
+@pytest.mark.parametrize(
+    ("model", "expected"),
+    [
+        ("Around c(b.k = 7);", {"c.b.k": {"value": 7.0, "min": 0.0, "unit": "N"}}),
+        ("Around c(b.x.start = 4);", {"c.b.x": {"start": 4.0, "fixed": True}}),
+        ("Part b(k.max = 9, d = 3);", {"b.k": {"value": 2.0, "min": 0.0, "max": 9.0}, "b.d": {"value": 3.0}}),
+        (
+            "Around c(b.k = 7, b.d.max = 8, b(x(nominal = 3)), b.x.start = 4);",
+            {
+                "c.b.k": {"value": 7.0, "min": 0.0},
+                "c.b.d": {"value": 1.0, "max": 8.0},
+                "c.b.x": {"start": 4.0, "nominal": 3.0},
+            },
+        ),
+        ("extends Around(b.k = 7, b.x(start = 4));", {"b.k": {"value": 7.0}, "b.x": {"start": 4.0}}),
+        (
+            "Around c[2](each b.k = 7, b.x.start = {3, 4});",
+            {"c[2].b.k": {"value": 7.0}, "c[1].b.x": {"start": 3.0}, "c[2].b.x": {"start": 4.0}},
+        ),
+        (
+            'Around c(b.k = 3, // b.k = 5\n b.d = 2) "c(b.k = 6)", e(b.k = 4);',
+            {"c.b.k": {"value": 3.0}, "c.b.d": {"value": 2.0}, "e.b.k": {"value": 4.0}},
+        ),
+    ],
+)
+def test_dotted_names_in_modifications_arrive(model: str, expected: dict[str, dict[str, Any]]) -> None:
+    assert_facts(f"{PART}model M\n  {model}\nend M;\n", expected)
+
+
+def test_a_short_class_with_dotted_names() -> None:
+    short = "model Short = Around(b.k = 7, b.x.start = 3);"
+    text = f"{PART}{short}\nmodel M\n  Short c(b.x(fixed = false));\nend M;\n"
+    assert_facts(text, {"c.b.k": {"value": 7.0}, "c.b.x": {"start": 3.0, "fixed": False}})
+
+
+def test_a_call_with_named_arguments_is_no_modification() -> None:
+    text = """package P
+  package F
+    function f
+      input Real x;
+      input Real a = 1;
+      output Real y;
+    algorithm
+      y := x*a;
+    end f;
+  end F;
+  model Part
+    parameter Real k = 1;
+    Real x(start = k, fixed = true);
+  equation
+    der(x) = 0;
+  end Part;
+  model M
+    Part b(k = F.f(F.f(x = 2, a = 3), a = 4));
+  end M;
+end P;
+"""
+    assert_facts(text, {"b.x": {"start": 24.0}}, "P.M")
+
+
+@pytest.mark.parametrize(
+    ("base", "clause", "expected"),
+    [
+        ("Free b(x(start = 1, fixed = true))", "b(x(start = 5))", {"b.x": {"start": 5.0, "fixed": True}}),
+        ("Part b(k(max = 8) = 3)", "b(k(min = 1))", {"b.k": {"value": 3.0, "min": 1.0, "max": 8.0}}),
+        ("Part b(k(max = 8) = 3)", "b(k = 4)", {"b.k": {"value": 4.0, "min": 0.0, "max": 8.0}}),
+        ("Part b(k = 3, d = 5)", "b(k(max = 8))", {"b.k": {"value": 3.0, "max": 8.0}, "b.d": {"value": 5.0}}),
+        ("Around b(b(d = 5))", "b(b(k = 4))", {"b.b.d": {"value": 5.0}, "b.b.k": {"value": 4.0}}),
+        (
+            "Part b[2](k = {3, 4}, each x(fixed = true, nominal = 7))",
+            "b(x(start = {5, 6}))",
+            {"b[2].k": {"value": 4.0}, "b[2].x": {"start": 6.0, "fixed": True, "nominal": 7.0}},
+        ),
+    ],
+)
+def test_what_a_base_class_says_of_a_part_stays(
+    base: str, clause: str, expected: dict[str, dict[str, Any]]
+) -> None:
+    """An extends clause replaces what it names, and nothing else."""
+    classes = f"{PART}model Base\n  {base};\nend Base;\n"
+    assert_facts(f"{classes}model M\n  extends Base({clause});\nend M;\n", expected)
+    assert_facts(f"{classes}model M = Base({clause});\n", expected)
+    between = f"model Between\n  extends Base({clause});\nend Between;\nmodel M\n  extends Between;\nend M;\n"
+    assert_facts(classes + between, expected)
+
+
+def test_inherited_values_mean_what_they_mean_in_their_class() -> None:
+    text = """package P
+  package Inner
+    constant Real g = 3;
+    model Part
+      parameter Real k(max = 99) = 1;
+      Real x(start = k, fixed = true);
+    equation
+      der(x) = 0;
+    end Part;
+    model Base
+      parameter Real q = 2;
+      Part b(k = q*g);
+    end Base;
+  end Inner;
+  model M
+    extends Inner.Base(b(k(min = -4)));
+  end M;
+end P;
+"""
+    assert_facts(text, {"b.x": {"start": 6.0}}, "P.M")
+
+
+@pytest.mark.parametrize(
+    ("model", "expected"),
+    [
+        ("Drive d;", {"d.a.g": (3.0, 8.0), "d.a.h": (3.0, None)}),
+        (
+            "Drive d(redeclare model F = Q(c = 4));",
+            {"d.a.g": (3.0, 8.0), "d.a.h": (2.0, None), "d.a.c": (4.0, None)},
+        ),
+        (
+            "Drive d(redeclare model F = Q);",
+            {"d.a.g": (3.0, 8.0), "d.a.h": (2.0, None), "d.a.c": (2.0, None)},
+        ),
+        ("extends Drive(redeclare replaceable model F = Q(g = 7));", {"a.g": (7.0, 8.0), "a.h": (2.0, None)}),
+        ("Component d;", {"d.a.g": (3.0, 8.0), "d.a.h": (2.0, None)}),
+        ("Component d(a(h = 7));", {"d.a.g": (3.0, 8.0), "d.a.h": (7.0, None)}),
+        ("Component d(redeclare Q a(c = 4));", {"d.a.g": (3.0, 8.0), "d.a.c": (4.0, None)}),
+    ],
+)
+def test_modifications_of_constraining_classes_count(model: str, expected: dict[str, tuple]) -> None:
+    """Language Specification 7.3.2: they hold for the class that is declared and for any in its place."""
+    text = LAWS.replace("end Laws;", f"  model M\n    {model}\n  end M;\nend Laws;")
+    known = facts(text, "Laws.M")
+    assert {name: (known[name]["value"], known[name]["max"]) for name in expected} == expected
+
+
+def test_a_constraint_with_a_variable_is_told_where_it_cannot_be_kept() -> None:
+    text = LAWS.replace("Law(g(max = 8) = 3, h = 2);", "Law(g = x);", 1)
+    text = text.replace("end Laws;", "  model M\n    Drive d(redeclare model F = Q);\n  end M;\nend Laws;")
+    with pytest.raises(ModelError, match="modified with `x`") as caught:
+        compile_text(text.encode(), Path("M.mo"), "Laws.M")
+    line = text[: text.index("redeclare model F = Q")].count("\n") + 1
+    assert str(caught.value.where) == f"M.mo:{line}:13"
+
+
+def test_places_do_not_move() -> None:
+    line = "  Around c(b.k = 7, b.d = 3); Real y = c.b.x; Part e(zz.k = 4);"
+    with pytest.raises(ModelError) as caught:
+        compile_text(f"{PART}model M\n{line}\nend M;\n".encode(), Path("M.mo"), "M")
+    assert str(caught.value.where) == f"M.mo:{PART.count(chr(10)) + 2}:{line.index('zz') + 1}"
+    line = line.partition(" Part")[0]
+    flat = compile_text(f"{PART}model M\n{line}\nend M;\n".encode(), Path("M.mo"), "M")
+    (place,) = [x.place for x in flat.unknowns if x.name == "y"]
+    assert place is not None and place.column == line.index("y =") + 1
