@@ -411,7 +411,11 @@ def _function(value: dict[str, Any]) -> s.Function:
 
 def _function_variable(value: dict[str, Any]) -> s.FunctionVariable:
     default = expression(value["default"]) if value.get("default") else None
-    return s.FunctionVariable(value["name"], value["type_name"], _subscripts(value["shape_expr"]), default)
+    shape = _subscripts(value["shape_expr"])
+    if not shape:  # `type Vector = Real[3]` has a size of its own
+        sizes = (value.get("effective_type") or {}).get("dimensions") or ()
+        shape = tuple(s.Constant(size) if isinstance(size, int) and size > 0 else s.Colon() for size in sizes)
+    return s.FunctionVariable(value["name"], value["type_name"], shape, default)
 
 
 def _statements(nodes: Iterable[dict[str, Any]] | None) -> tuple[s.Statement, ...]:

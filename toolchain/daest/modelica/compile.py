@@ -33,6 +33,7 @@ from daest.modelica.modifications import check_modifications
 from daest.modelica.nested_modifications import with_taken_modifications
 from daest.modelica.outline import class_heads, tokens
 from daest.modelica.parameters import is_parameter
+from daest.modelica.record_values import with_record_values
 from daest.modelica.source import read_source, select_class
 from daest.modelica.table_files import Folders
 
@@ -116,6 +117,7 @@ def _with_part(
 
 def _with_own_modifications(text: bytes) -> bytes:
     """The text with its modifications as the compiler takes them, as far as its own classes tell."""
+    text = with_record_values(text, _own_classes(text))
     return with_taken_modifications(text, _own_classes(text))
 
 

@@ -26,6 +26,7 @@ from daest.modelica.fitting import fits, with_bases
 from daest.modelica.library import BYTE_ORDER_MARK, Roots, kept_folder, library_name, stamp, write_file
 from daest.modelica.nested_modifications import with_taken_modifications
 from daest.modelica.outline import NO_CODE, class_heads
+from daest.modelica.record_values import with_record_values
 
 _VERSION = "32"  # of what is kept; another one throws away what is there
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
@@ -323,6 +324,7 @@ def adapted_text(text: bytes, roots: Roots) -> bytes:
     text = with_members(text, members) if members else text
     if any(Path(made).stem == COMPLEX for made in roots.origins):
         text = with_parts(text, Classes(lambda full: _read_of(full, text, roots)))
+    text = with_record_values(text, Classes(lambda full: _read_of(full, text, roots)))
     text = with_taken_modifications(text, Classes(lambda full: _read_of(full, text, roots)))
     return with_constructors(adapted(text), objects) + f"\n// {' '.join(names)}\n".encode()
 
