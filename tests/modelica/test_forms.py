@@ -1,15 +1,17 @@
-"""Legal forms of modifications, with what they mean by the Language Specification (chapter 7), worked out by
-hand."""
+"""Legal forms of modifications (Language Specification, chapter 7), records, arrays and `outer` variables, and
+what they mean, worked out by hand."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from daest.errors import ModelError
 from daest.modelica.compile import compile_text
+from daest.systems.simulate import simulate
 
 PART = """model Part
   parameter Real k(min = 0, unit = "N") = 2;
@@ -232,3 +234,163 @@ def test_places_do_not_move() -> None:
     flat = compile_text(f"{PART}model M\n{line}\nend M;\n".encode(), Path("M.mo"), "M")
     (place,) = [x.place for x in flat.unknowns if x.name == "y"]
     assert place is not None and place.column == line.index("y =") + 1
+
+
+RECORDS = """package P
+  record A
+    Real a = 1;
+    Real c(max = 99, unit = "m") = 10;
+  end A;
+  record R
+    A s(a = 5);
+    Real b = 2;
+  end R;
+  constant A table(a = 6, c = 3);
+  model Part
+    parameter A r(a = 5);
+    Real z(start = 0, fixed = true);
+  equation
+    der(z) = r.a*r.c;
+  end Part;
+  model Nested
+    parameter R r;
+    Real z(start = 0, fixed = true);
+  equation
+    der(z) = r.s.a*r.s.c*r.b;
+  end Nested;
+  model M
+    MODEL
+  end M;
+end P;
+"""
+ARRAYS = """package P
+  constant Integer three = 3;
+  package Sizes
+    constant Integer n = three;
+    constant Integer two = 2;
+  end Sizes;
+  function scaled
+    input Real x;
+    input Real k = 1;
+    output Real y;
+  algorithm
+    y := k*x;
+  end scaled;
+  function squared
+    input Real x;
+    output Real y;
+  algorithm
+    y := x^2;
+  end squared;
+  type Vector = Real[3];
+  function dot
+    input Vector a;
+    input Vector b;
+    output Real y;
+  algorithm
+    y := a*b;
+  end dot;
+  model Part
+    parameter Real k = 1;
+    Real z(start = 0, fixed = true);
+  equation
+    der(z) = k;
+  end Part;
+  model M
+    parameter Integer n = 3;
+    MODEL
+  end M;
+end P;
+"""
+OUTER = """package P
+  type Temperature = Real(unit = "K");
+  model Part
+    outer Temperature T;
+    outer parameter Real k;
+    Real z(start = 0, fixed = true);
+  equation
+    der(z) = k*T;
+  end Part;
+  model Group
+    Part b;
+  end Group;
+  model Shadow
+    inner Temperature T = 10;
+    Part b;
+  end Shadow;
+  model M
+    inner Temperature T = 2;
+    inner parameter Real k(max = 9) = 3;
+    Group g;
+    Shadow s;
+    Part own;
+    Real y = g.b.T + own.k;
+  end M;
+end P;
+"""
+
+
+def after_a_second(text: str) -> dict[str, float]:
+    """The variables of P.M at 1 s."""
+    run = simulate(
+        compile_text(text.encode(), Path("P.mo"), "P.M"), (np.linspace(0.0, 1.0, 3), np.zeros((3, 0)))
+    )
+    return dict(zip(run.variable_names, run.variables[-1].tolist(), strict=True))
+
+
+def assert_after_a_second(text: str, expected: dict[str, float]) -> None:
+    found = after_a_second(text)
+    assert {name: found[name] for name in expected} == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("model", "expected"),
+    [
+        ("Part p;", {"p.z": 50.0}),
+        ("Part p(r(c = 2));", {"p.z": 10.0}),
+        ("Part p(r = A(a = 6));", {"p.z": 60.0}),
+        ("Part p(r = A(6, 3));", {"p.z": 18.0}),
+        ("Part p(r = table);", {"p.z": 18.0}),
+        ("parameter A q(a = 7, c = 2); Part p(r = q);", {"p.z": 14.0}),
+        ("extends Part(r = A(a = 6));", {"z": 60.0}),
+        ("Nested p;", {"p.z": 100.0}),
+        ("Nested p(r(s(a = 9)));", {"p.z": 180.0}),
+        ("Nested p(r(s = A(a = 6)));", {"p.z": 120.0}),
+        ("Nested p(r = R(b = 3));", {"p.z": 150.0}),
+        ("Nested p(r = R(s = A(a = 6, c = 1), b = 1));", {"p.z": 6.0}),
+    ],
+)
+def test_a_record_takes_the_value_that_it_is_given(model: str, expected: dict[str, float]) -> None:
+    assert_after_a_second(RECORDS.replace("MODEL", model), expected)
+
+
+@pytest.mark.parametrize(
+    ("model", "expected"),
+    [
+        ("Part p[n](k = {i for i in 2:2:6});", {"p[1].z": 2.0, "p[2].z": 4.0, "p[3].z": 6.0}),
+        ("Part p[n](k = {10*i for i in 3:-1:1});", {"p[1].z": 30.0, "p[3].z": 10.0}),
+        ("Part p[n](k = {i^2 for i in {2, 4, 6}});", {"p[1].z": 4.0, "p[2].z": 16.0, "p[3].z": 36.0}),
+        ("Part p[n](z(start = {i for i in 2:2:6}));", {"p[2].z": 5.0}),
+        ("Part p[n](k = 1:n);", {"p[1].z": 1.0, "p[3].z": 3.0}),
+        ("Part p[n](k = linspace(1, 5, n));", {"p[2].z": 3.0, "p[3].z": 5.0}),
+        ("Real x[2, 3] = {i + 10*j for i in 1:3, j in 1:2};", {"x[1,3]": 13.0, "x[2,1]": 21.0}),
+        ("Real y[2] = scaled({1, 2}, {3, 4});", {"y[1]": 3.0, "y[2]": 8.0}),
+        ("Real y[2] = squared({3, 4}); Real s = sum(squared({1, 2}));", {"y[2]": 16.0, "s": 5.0}),
+        ("Real y = dot({1, 2, 3}, {4, 5, 6});", {"y": 32.0}),
+    ],
+)
+def test_arrays_have_the_elements_that_they_should(model: str, expected: dict[str, float]) -> None:
+    assert_after_a_second(ARRAYS.replace("MODEL", model), expected)
+
+
+@pytest.mark.parametrize("size", ["Sizes.two", "P.Sizes.two", "three - 1"])
+def test_constants_of_packages_are_sizes(size: str) -> None:
+    model = f"Real x[{size}](each start = 1, each fixed = true); equation der(x) = zeros({size});"
+    found = after_a_second(ARRAYS.replace("MODEL", model))
+    assert found == pytest.approx({"x[1]": 1.0, "x[2]": 1.0})
+
+
+def test_an_outer_variable_is_the_inner_one() -> None:
+    assert_after_a_second(OUTER, {"g.b.z": 6.0, "own.z": 6.0, "s.b.z": 30.0, "y": 5.0})
+    known = facts(OUTER, "P.M")
+    assert known["k"]["value"] == 3.0 and known["k"]["max"] == 9.0 and "own.k" not in known

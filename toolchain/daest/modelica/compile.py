@@ -31,7 +31,9 @@ from daest.modelica.library import (
 )
 from daest.modelica.modifications import check_modifications
 from daest.modelica.nested_modifications import with_taken_modifications
+from daest.modelica.outer_variables import without_outer_variables
 from daest.modelica.outline import class_heads, tokens
+from daest.modelica.package_constants import with_integer_constants
 from daest.modelica.parameters import is_parameter
 from daest.modelica.record_values import with_record_values
 from daest.modelica.source import read_source, select_class
@@ -72,6 +74,7 @@ def compile_text(
     `compile_model` raises."""
     text, names = without_quotes(text)
     name = _chosen_class(text, names, path, class_name)
+    text = with_integer_constants(text, _own_classes(text))
     text = _with_constraints(without_broken(text, path, name), path)
     text = with_named_classes(text, path, name)
     folders = library_roots(libraries)
@@ -197,7 +200,7 @@ def _settled(job: Job) -> tuple[Job, s.FlatSource]:
     source = compile_source(job)
     settled = with_inner_values(source, job)
     found = source if settled is job else compile_source(settled)
-    return settled, replace(found, folders=_folders(job))
+    return settled, replace(without_outer_variables(found), folders=_folders(job))
 
 
 def _folders(job: Job) -> Folders:

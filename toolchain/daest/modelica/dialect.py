@@ -35,6 +35,7 @@ from typing import Any
 import numpy as np
 
 from daest.errors import ModelError
+from daest.modelica.array_values import with_nested_constructors
 from daest.modelica.function_text import find_function, hidden
 from daest.modelica.modifications import check_class_modification
 from daest.modelica.outline import (
@@ -121,6 +122,8 @@ def adapted(text: bytes) -> bytes:
     """The text as the compiler takes it. Lines keep their numbers."""
     if b"ExternalObject" in text:
         text = _without_objects(text)
+    if _SEVERAL.search(text):
+        text = with_nested_constructors(text)
     text = _with_full_imports(_without_inner_bases(text.replace(_C_TABLES, _C_TABLES.upper())))
     if b"function find" in text:
         heads = {head.name for head in class_heads(text)}
@@ -134,6 +137,9 @@ def adapted(text: bytes) -> bytes:
         text = _with_marked(text, _DELAY, DELAY)
     return _with_marked(text, _DER, DER) if b"der" in text else text
 
+
+# What may be an array that is made over several ranges.
+_SEVERAL = re.compile(rb"\{[^;]*\bfor\s+\w+\s+in\b[^;]*,\s*\w+\s+in\b")
 
 # Functions of Modelica.Utilities.Strings that tell what kind of file a table stands in.
 _LOOPS_OVER_LETTERS = ("Modelica.Utilities.Strings.find", "Modelica.Utilities.Strings.findLast")

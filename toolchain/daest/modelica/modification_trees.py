@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from daest.modelica import syntax as s
+from daest.modelica.array_values import taken_value
 from daest.modelica.outline import Token, arguments, closing, name_end
 
 Style = Literal["together", "apart", "packed"]
@@ -57,7 +58,7 @@ def change(words: Sequence[Token]) -> Change:
         return _other(words)
     prefixes = tuple(word.text for word in words[:at])
     inner = tuple(_prefixed(one, prefixes) for one in changes(words[end:behind]))
-    value = _joined(words[behind + 1 :])
+    value = taken_value(words[behind + 1 :])
     made = Change(names[-1], prefixes if value else (), inner, value)
     for name in names[-2::-1]:
         made = Change(name, (), (made,), "")

@@ -43,6 +43,7 @@ _SUSPECT = re.compile(
     _NAMED + rb"\s*\([^;]*?\)\s*=[^=]"  # a value beside attributes
     rb"|" + _NAMED + rb"(?:\s*\.\s*[A-Za-z_]\w*)+\s*(?:=[^=]|\([\w.\s]*(?:=[^=]|\())"  # a dotted name
     rb"|\b(?:extends|(?:model|block|class|record)\s+\w+\s*=)\s*[\w.]+\s*\([^;]*\("  # of a part
+    rb"|=\s*(?:\{[^;]*\bfor\b|linspace\b|[^;(){},=\"]*:[^;=])"  # an array
 )
 _NO_DECLARATION = (
     *("if", "elseif", "else", "then", "when", "elsewhen", "for", "while", "loop", "connect", "assert", "not"),
