@@ -1,4 +1,4 @@
-"""Legal forms of modifications (Language Specification, chapter 7), records, arrays and `outer` variables, and
+"""Legal forms of modifications (Language Specification, chapter 7), records, arrays, `outer` variables, and
 what they mean, worked out by hand."""
 
 from __future__ import annotations
