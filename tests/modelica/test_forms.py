@@ -394,3 +394,98 @@ def test_an_outer_variable_is_the_inner_one() -> None:
     assert_after_a_second(OUTER, {"g.b.z": 6.0, "own.z": 6.0, "s.b.z": 30.0, "y": 5.0})
     known = facts(OUTER, "P.M")
     assert known["k"]["value"] == 3.0 and known["k"]["max"] == 9.0 and "own.k" not in known
+
+
+CHAIN = """package P
+  connector Pin
+    Real v;
+    flow Real i;
+  end Pin;
+  model Resistor
+    Pin p;
+    Pin n;
+    parameter Real r = 1;
+  equation
+    p.v - n.v = r*p.i;
+    p.i + n.i = 0;
+  end Resistor;
+  model Source
+    Pin p;
+    parameter Real v = 0;
+  equation
+    p.v = v;
+  end Source;
+  model Chain
+    parameter Integer n = 2;
+    parameter Real r0 = 1;
+    Resistor r[n](each r = r0);
+    Pin p;
+    Pin q;
+  equation
+    connect(p, r[1].p);
+    for i in 1:n - 1 loop
+      connect(r[i].n, r[i + 1].p);
+    end for;
+    connect(r[end].n, q);
+  end Chain;
+  model M
+    Chain c(n = 4, r0 = 0.5);
+    Source s(v = 4);
+    Source g;
+    Real last = c.r[end].p.i;
+  equation
+    connect(s.p, c.p);
+    connect(c.q, g.p);
+  end M;
+end P;
+"""
+PACKAGES = """package P
+  package Water
+    constant Real rho = 1000;
+    constant Integer n = 1;
+    function h
+      input Real T;
+      output Real y;
+    algorithm
+      y := 4*T;
+    end h;
+  end Water;
+  package Oil
+    extends Water(rho = 800, n = 2);
+  end Oil;
+  package Air = Water(rho = 1, n = 3);
+  model Part
+    replaceable package Medium = Water;
+    Real x[Medium.n] = fill(Medium.rho, Medium.n);
+    Real y = Medium.h(2);
+  end Part;
+  model Group
+    Part inside;
+  end Group;
+  model M
+    Part oil(redeclare package Medium = Oil);
+    Part plain;
+    Part air(redeclare package Medium = Air);
+    Part heavy(redeclare package Medium = Water(rho = 2000));
+    Group group;
+  end M;
+end P;
+"""
+
+
+def test_the_end_of_an_array_of_components_is_its_last_one() -> None:
+    """Four times 0.5 at 4 between the ends."""
+    assert_after_a_second(CHAIN, {"c.p.i": 2.0, "s.p.i": -2.0, "last": 2.0})
+
+
+def test_a_redeclared_package_is_that_of_one_component() -> None:
+    expected = {"oil.x[2]": 800.0, "plain.x[1]": 1000.0, "air.x[3]": 1.0, "heavy.x[1]": 2000.0}
+    assert_after_a_second(PACKAGES, {**expected, "group.inside.x[1]": 1000.0, "plain.y": 8.0})
+
+
+def test_a_modified_class_may_stand_for_one_with_the_same_base() -> None:
+    text = LAWS.replace(" constrainedby Law(g(max = 8) = 3, h = 2);", ";", 1)
+    model = "Drive a; Drive b(redeclare model F = Q(c = 5));"
+    text = text.replace("end Laws;", f"  model M\n    {model}\n  end M;\nend Laws;")
+    known = facts(text, "Laws.M")
+    assert known["b.a.c"]["value"] == 5.0 and known["a.a.h"]["value"] == 3.0

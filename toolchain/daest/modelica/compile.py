@@ -16,11 +16,17 @@ from daest.modelica.bus_members import expandable_connectors
 from daest.modelica.change import declare, with_values
 from daest.modelica.compiler import Job, compile_source, modification, with_room
 from daest.modelica.components import Classes
-from daest.modelica.constraining import with_constrained_redeclarations, with_constraining_modifications
+from daest.modelica.constraining import (
+    with_common_bases,
+    with_constrained_redeclarations,
+    with_constraining_modifications,
+)
+from daest.modelica.default_packages import with_default_packages
 from daest.modelica.dialect import Names, adapted, with_named_classes, without_broken, without_quotes
 from daest.modelica.excerpt import adapted_text, excerpt, may_extend
 from daest.modelica.fitting import with_bases
 from daest.modelica.inner_values import with_inner_values
+from daest.modelica.last_elements import with_last_elements
 from daest.modelica.library import (
     Roots,
     chosen_libraries,
@@ -121,11 +127,14 @@ def _with_part(
 def _with_own_modifications(text: bytes) -> bytes:
     """The text with its modifications as the compiler takes them, as far as its own classes tell."""
     text = with_record_values(text, _own_classes(text))
+    text = with_last_elements(text, _own_classes(text))
     return with_taken_modifications(text, _own_classes(text))
 
 
 def _with_constraints(text: bytes, path: Path) -> bytes:
     """The text with what constraining classes say where the compiler does not see it."""
+    text = with_default_packages(text, _own_classes(text))
+    text = with_common_bases(text, _own_classes(text)) if b"redeclare" in text else text
     text = with_constrained_redeclarations(text, path, _own_classes(text))
     return with_constraining_modifications(text)
 

@@ -24,6 +24,7 @@ from daest.modelica.outline import (
     closing,
     depths,
     edited,
+    inserted,
     name_end,
     place_of,
     tokens,
@@ -56,6 +57,52 @@ def with_constrained_redeclarations(text: bytes, path: Path, classes: Classes) -
         for edit in _redeclared(words, base, classes, text, path)
     ]
     return edited(text, edits)
+
+
+def with_common_bases(text: bytes, classes: Classes) -> bytes:
+    """The text with a constraining class, the base class of the one that is declared, where a replaceable
+    class has none and is redeclared with modifications: of two classes with one base the compiler takes each
+    in place of the other, but not one that is modified."""
+    words = list(tokens(text))
+    names = {words[i + 2].text for i in _redeclarations(words)}
+    heads = class_heads(text) if names else ()
+    edits = []
+    for i in _declarations(words):
+        end = name_end(words, i + 4)
+        behind = closing(words, end) if words[end].text == "(" else end
+        if words[i + 2].text in names and words[behind].text != "constrainedby":
+            name = "".join(word.text for word in words[i + 4 : end])
+            bases = _bases_of(classes.resolved(name, class_around(heads, words[i].start)), classes)
+            if len(bases) == 1:
+                at = words[behind - 1].end
+                edits.append(Edit(at, at, inserted(f" constrainedby {bases[0]}")))
+    return edited(text, edits)
+
+
+def _redeclarations(words: Sequence[Token]) -> Iterator[int]:
+    """Where classes are redeclared with modifications: `redeclare model F = Q(k = 3)`."""
+    for i in range(len(words) - 5):
+        at = i + (words[i + 1].text == "replaceable")
+        is_class = words[at + 1].text in KINDS and words[at + 3].text == "="
+        if words[i].text == "redeclare" and is_class and words[name_end(words, at + 4)].text == "(":
+            yield at
+
+
+def _declarations(words: Sequence[Token]) -> Iterator[int]:
+    """Where classes are declared replaceable: `replaceable model F = A`."""
+    for i in range(1, len(words) - 5):
+        is_replaceable = words[i].text == "replaceable" and words[i - 1].text != "redeclare"
+        if is_replaceable and words[i + 1].text in KINDS and words[i + 3].text == "=":
+            yield i
+
+
+def _bases_of(full: str | None, classes: Classes) -> list[str]:
+    """Full names of the base classes of a class."""
+    found = None if full is None else classes.get(full)
+    if full is None or found is None:
+        return []
+    around = full.rpartition(".")[0]
+    return [one for base in found.bases if (one := classes.resolved(base, around))]
 
 
 def _constraints(words: Sequence[Token], at: int) -> tuple[Change, ...]:

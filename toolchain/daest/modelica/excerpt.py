@@ -13,6 +13,7 @@ import pickle
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
@@ -23,6 +24,7 @@ from daest.modelica.components import Classes
 from daest.modelica.constraining import with_constraining_modifications
 from daest.modelica.dialect import OPERATOR_FILES, adapted, external_objects, with_constructors
 from daest.modelica.fitting import fits, with_bases
+from daest.modelica.last_elements import with_last_elements
 from daest.modelica.library import BYTE_ORDER_MARK, Roots, kept_folder, library_name, stamp, write_file
 from daest.modelica.nested_modifications import with_taken_modifications
 from daest.modelica.outline import NO_CODE, class_heads
@@ -285,6 +287,7 @@ def _written(
             place = library.places[full]
             inside = f"{library_name(library.entry)}/{place}" if place else f"{full}.mo"
             text = with_parts(texts[full], classes) if full in with_complex else texts[full]
+            text = with_last_elements(text, classes)
             text = with_taken_modifications(with_constraining_modifications(text), classes)
             write_file(draft / inside, with_constructors(adapted(text), objects))
         for name, content in OPERATOR_FILES.items():
@@ -324,8 +327,8 @@ def adapted_text(text: bytes, roots: Roots) -> bytes:
     text = with_members(text, members) if members else text
     if any(Path(made).stem == COMPLEX for made in roots.origins):
         text = with_parts(text, Classes(lambda full: _read_of(full, text, roots)))
-    text = with_record_values(text, Classes(lambda full: _read_of(full, text, roots)))
-    text = with_taken_modifications(text, Classes(lambda full: _read_of(full, text, roots)))
+    for written in (with_record_values, with_last_elements, with_taken_modifications):
+        text = written(text, Classes(partial(_read_of, text=text, roots=roots)))
     return with_constructors(adapted(text), objects) + f"\n// {' '.join(names)}\n".encode()
 
 
