@@ -489,3 +489,76 @@ def test_a_modified_class_may_stand_for_one_with_the_same_base() -> None:
     text = text.replace("end Laws;", f"  model M\n    {model}\n  end M;\nend Laws;")
     known = facts(text, "Laws.M")
     assert known["b.a.c"]["value"] == 5.0 and known["a.a.h"]["value"] == 3.0
+
+
+REDECLARED = {
+    "function": (
+        "function f0 input Real x; output Real y; algorithm y := x/3; end f0;"
+        " function f5 input Real x; output Real y; algorithm y := 5*x/3; end f5;"
+        " model B replaceable function F = f0; Real t = F(3); end B;",
+        "redeclare function F = f5",
+    ),
+    "package": (
+        "package A constant Real g = 1; end A; package A5 extends A(g = 5); end A5;"
+        " model B replaceable package F = A; Real t = F.g; end B;",
+        "redeclare package F = A5",
+    ),
+    "model": (
+        "partial model I Real t; end I; model A extends I; equation t = 1; end A;"
+        " model A5 extends I; equation t = 5; end A5;"
+        " model B replaceable model F = A constrainedby I; F f; Real t = f.t; end B;",
+        "redeclare model F = A5",
+    ),
+    "component": (
+        "partial model I Real t; end I; model A extends I; equation t = 1; end A;"
+        " model A5 extends I; equation t = 5; end A5;"
+        " model B replaceable A f constrainedby I; Real t = f.t; end B;",
+        "redeclare A5 f",
+    ),
+    "record": (
+        "record A Real a = 1; end A; record A5 extends A(a = 5); end A5;"
+        " model B replaceable record F = A; parameter F f; Real t = f.a; end B;",
+        "redeclare record F = A5",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", REDECLARED)
+@pytest.mark.parametrize(
+    ("model", "expected"),
+    [
+        ("B p(CHANGE); B q; C r;", {"p.t": 5.0, "q.t": 1.0, "r.b.t": 1.0}),
+        ("C p(b(CHANGE)); C q; B r;", {"p.b.t": 5.0, "q.b.t": 1.0, "r.t": 1.0}),
+        ("D p(c(b(CHANGE))); D q;", {"p.c.b.t": 5.0, "q.c.b.t": 1.0}),
+        ("extends C(b(CHANGE)); B r;", {"b.t": 5.0, "r.t": 1.0}),
+        ("extends B(CHANGE); B q; C r;", {"t": 5.0, "q.t": 1.0, "r.b.t": 1.0}),
+        ("B p[2](EACH);", {"p[1].t": 5.0, "p[2].t": 5.0}),
+    ],
+)
+def test_a_redeclaration_is_that_of_one_component(kind: str, model: str, expected: dict[str, float]) -> None:
+    classes, change = REDECLARED[kind]
+    parts = "model C B b; end C; model D C c; end D;"
+    model = model.replace("CHANGE", change).replace("EACH", change.replace("redeclare", "redeclare each"))
+    assert_after_a_second(f"package P {classes} {parts} model M {model} end M; end P;\n", expected)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        "parameter Real q = 2; C p(b(redeclare A5 f(k = q)));",
+        "Several p(b(redeclare A5 f));",
+        "E p(b(redeclare model F = A5));",
+    ],
+)
+def test_a_redeclaration_that_would_be_lost_is_refused(model: str) -> None:
+    classes = (
+        "partial model I Real t; end I; model A extends I; equation t = 1; end A;"
+        " model A5 extends I; parameter Real k = 5; equation t = k; end A5;"
+        " model B replaceable A f constrainedby I; end B;"
+        " model G replaceable model F = A constrainedby I; F f; end G;"
+        " model C B b; end C; model E G b(redeclare model F = A); end E; model Several B b[2]; end Several;"
+    )
+    text = f"package P {classes} model M {model} end M; end P;\n"
+    with pytest.raises(ModelError, match="redeclares something inside of it") as caught:
+        compile_text(text.encode(), Path("P.mo"), "P.M")
+    assert str(caught.value.where) == f"P.mo:1:{text.index(model) + model.index('(') + 2}"

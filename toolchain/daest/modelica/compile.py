@@ -37,6 +37,7 @@ from daest.modelica.library import (
 )
 from daest.modelica.modifications import check_modifications
 from daest.modelica.nested_modifications import with_taken_modifications
+from daest.modelica.nested_redeclarations import with_redeclared_parts
 from daest.modelica.outer_variables import without_outer_variables
 from daest.modelica.outline import class_heads, tokens
 from daest.modelica.package_constants import with_integer_constants
@@ -134,6 +135,7 @@ def _with_own_modifications(text: bytes) -> bytes:
 def _with_constraints(text: bytes, path: Path) -> bytes:
     """The text with what constraining classes say where the compiler does not see it."""
     text = with_default_packages(text, _own_classes(text))
+    text = with_redeclared_parts(text, path, _own_classes(text))
     text = with_common_bases(text, _own_classes(text)) if b"redeclare" in text else text
     text = with_constrained_redeclarations(text, path, _own_classes(text))
     return with_constraining_modifications(text)

@@ -159,7 +159,7 @@ def _redeclared(
     end = name_end(words, at + 3)
     end = closing(words, end) if end < len(words) and words[end].text == "(" else end
     for edit in _added(text, words, end, wanted):
-        named = next((one for one in _values(wanted) if _names_variable(one)), None)
+        named = next((one for one in values_of(wanted) if names_variable(one)), None)
         if named is not None:
             raise ModelError(
                 "model-unsupported",
@@ -187,13 +187,15 @@ def _constraints_of(name: str, around: ClassText, classes: Classes, steps: int =
     return ()
 
 
-def _values(every: Sequence[Change]) -> Iterator[str]:
+def values_of(every: Sequence[Change]) -> Iterator[str]:
+    """All values in changes, and what stands behind redeclarations."""
     for one in every:
         yield one.value
-        yield from _values(one.inner)
+        yield from values_of(one.inner)
 
 
-def _names_variable(value: str) -> bool:
+def names_variable(value: str) -> bool:
+    """Whether a value names something without a dot, which may be a variable, and not the like of `P.f`."""
     words = list(tokens(value.encode()))
     return any(
         word.kind == "name"

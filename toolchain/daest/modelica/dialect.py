@@ -130,6 +130,7 @@ def adapted(text: bytes) -> bytes:
         for name in _LOOPS_OVER_LETTERS:
             if name in heads and (function := find_function(text, name)):
                 text = hidden(text, function)
+    text = _EACH.sub(lambda match: match[1] + b"    ", text)
     text = _NAMED.sub(lambda match: match[1] + b" " * len(match[2]), text)
     if b"loadResource" in text:
         text = _LOADED.sub(lambda match: b" " * len(match[0]), text)
@@ -150,6 +151,9 @@ _NAMED = re.compile(
     rb'(\bfileName\s*<>\s*"NoName"\s+)(and\s+not\s+Modelica\.Utilities\.Strings\.isEmpty\(fileName\))'
     rb'(?=\s*then\s+fileName\s+else\s+"NoName")'
 )
+
+# `redeclare each`, which the compiler takes for each element either way, without the word.
+_EACH = re.compile(rb"\b(redeclare\s+)each\b")
 
 # The call that makes a path of an URI; files are found by the URI itself.
 _LOADED = re.compile(

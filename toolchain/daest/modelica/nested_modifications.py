@@ -170,7 +170,7 @@ class _Rewriter:
                 self._placed(one, around.name) for one in changes(around.components[name].modification)
             )
         found: tuple[Change, ...] = ()
-        for base, words in _bases(around):
+        for base, words in bases_of(around):
             below = self._class(base, around.name)
             if below is not None and steps < _MOST_BASES:
                 own = next((one.inner for one in changes(words) if one.name == name), ())
@@ -212,7 +212,7 @@ def _completed(one: Change, said: Sequence[Change]) -> Change:
     return one if below is None or not (below.inner or one.inner) else over(below, one)
 
 
-def _bases(around: ClassText) -> Iterator[tuple[str, Sequence[Token]]]:
+def bases_of(around: ClassText) -> Iterator[tuple[str, Sequence[Token]]]:
     """The classes that a class extends, with the words of the modification."""
     words = around.words
     starts = [2] if around.alias else [i + 1 for i, word in enumerate(words) if word.text == "extends"]
