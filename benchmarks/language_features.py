@@ -152,8 +152,8 @@ def features() -> Iterator[Feature]:
     yield Feature(
         area,
         "redeclarations inside of modifications",
-        "package P model A parameter Real k = 1; Real x(start = 0, fixed = true); equation der(x) = k; end A;\n"
-        "model A2 = A(k = 5); model B replaceable model F = A; F f; end B; model C B b; end C;\n"
+        "package P model A parameter Real k = 1; Real x(start = 0, fixed = true); equation der(x) = k; "
+        "end A;\nmodel A2 = A(k = 5); model B replaceable model F = A; F f; end B; model C B b; end C;\n"
         "model M C c(b(redeclare model F = A2)); C d; end M; end P;",
         (("c.b.f.x", 1.0, 5.0), ("d.b.f.x", 1.0, 1.0)),
     )

@@ -168,6 +168,24 @@ def test_what_a_base_class_says_of_a_part_stays(
     assert_facts(classes + between, expected)
 
 
+@pytest.mark.parametrize(
+    ("part", "clause", "expected"),
+    [
+        ("Part b[2]", "b(each k(max = 9) = 3)", {"b[2].k": {"value": 3.0, "min": 0.0, "max": 9.0}}),
+        ("Part b[2]", "b(k(each max = 9) = {3, 4})", {"b[2].k": {"value": 4.0, "max": 9.0}}),
+        ("Part b[2]", "b(k(max = {8, 9}) = {3, 4})", {"b[1].k": {"value": 3.0, "max": 8.0}}),
+        ("Row b", "b(w(max = {8, 9}) = {3, 4})", {"b.w[2]": {"value": 4.0, "min": 0.0, "max": 9.0}}),
+        ("Row b(w(each max = 9))", "b(w = {3, 4})", {"b.w[2]": {"value": 4.0, "min": 0.0, "max": 9.0}}),
+    ],
+)
+def test_arrays_keep_values_and_attributes(
+    part: str, clause: str, expected: dict[str, dict[str, Any]]
+) -> None:
+    row = "model Row\n  parameter Real w[2](each min = 0) = {1, 2};\nend Row;\n"
+    classes = f"{PART}{row}model Base\n  {part};\nend Base;\n"
+    assert_facts(f"{classes}model M\n  extends Base({clause});\n  Part other;\nend M;\n", expected)
+
+
 def test_inherited_values_mean_what_they_mean_in_their_class() -> None:
     text = """package P
   package Inner

@@ -8,7 +8,7 @@ from typing import Literal
 
 from daest.modelica import syntax as s
 from daest.modelica.array_values import taken_value
-from daest.modelica.outline import Token, arguments, closing, name_end
+from daest.modelica.outline import Token, arguments, closing, name_end, tokens
 
 Style = Literal["together", "apart", "packed"]
 """How an element with attributes and a value is written: `k(max = 5) = 4`; `k(max = 5), k = 4`; or as one
@@ -132,17 +132,36 @@ def _part(one: Change, styles: Sequence[Style], real: Container[str]) -> str:
 
 def packed(one: Change) -> str:
     """Value and attributes in one expression that the compiler passes on as it is, `homotopy(homotopy(4, 5),
-    7102)`; empty where the attributes are no numbers."""
-    made = one.value
+    7102)`, of arrays in each element; empty where that cannot be told."""
+    attributes = {attribute.name: attribute for attribute in one.inner}
+    if not attributes.keys() <= _CODES.keys() or any(attribute.inner for attribute in one.inner):
+        return ""
+    values = [one.value] if one.prefixes == ("each",) else _elements(one.value)
     for attribute in one.inner:
-        if attribute.name not in _CODES or attribute.inner or attribute.prefixes:
+        is_each = attribute.prefixes == ("each",)
+        own = [attribute.value] * len(values) if is_each else _elements(attribute.value)
+        if len(own) != len(values) or (
+            is_each and one.prefixes != ("each",) and not one.value.startswith("{")
+        ):
             return ""
-        made = f"homotopy(homotopy({made}, {attribute.value}), {_CODES[attribute.name]})"
-    return made
+        code = _CODES[attribute.name]
+        pairs = zip(values, own, strict=True)
+        values = [f"homotopy(homotopy({value}, {bound}), {code})" for value, bound in pairs]
+    return f"{{{', '.join(values)}}}" if one.value.startswith("{") else values[0]
+
+
+def _elements(value: str) -> list[str]:
+    """The elements of an array that is written as such; the value itself of any other."""
+    words = list(tokens(value.encode()))
+    if not words or words[0].text != "{" or closing(words, 0) < len(words):
+        return [value]
+    return [_joined(one) for one in arguments(words, 0)]
 
 
 def unpacked(node: s.Node | None) -> tuple[s.Node | None, dict[str, s.Node]]:
     """The value of a binding, and the attributes that `packed` has put into it."""
+    if isinstance(node, s.Array):
+        return _unpacked_array(node)
     attributes: dict[str, s.Node] = {}
     names = {code: name for name, code in _CODES.items()}
     while (
@@ -156,3 +175,13 @@ def unpacked(node: s.Node | None) -> tuple[s.Node | None, dict[str, s.Node]]:
         attributes.setdefault(names[int(node.arguments[-1].value)], inner.arguments[1])
         node = inner.arguments[0]
     return node, attributes
+
+
+def _unpacked_array(node: s.Array) -> tuple[s.Node, dict[str, s.Node]]:
+    """As `unpacked`, of an array all of whose elements are packed."""
+    every = [unpacked(element) for element in node.elements]
+    names = set(every[0][1]) if every else set()
+    if not names or any(set(given) != names for _, given in every):
+        return node, {}
+    made = replace(node, elements=tuple(value for value, _ in every if value is not None))
+    return made, {name: replace(node, elements=tuple(given[name] for _, given in every)) for name in names}

@@ -199,11 +199,11 @@ class _Rewriter:
         return word if package is None else f"{package}.{word}"
 
     def _is_real(self, around: ClassText, part: str, name: str) -> bool:
-        """Whether the element of a component is one Real number."""
+        """Whether the element of a component is a Real number, or an array of such."""
         component = self.classes.component(part, around.name)
-        inside = None if component is None or component.sizes else self.classes.type_of(component)
+        inside = None if component is None else self.classes.type_of(component)
         element = None if inside is None else self.classes.component(name, inside)
-        return element is not None and not element.sizes and self.classes.type_of(element) == "Real"
+        return element is not None and self.classes.type_of(element) == "Real"
 
 
 def _completed(one: Change, said: Sequence[Change]) -> Change:
