@@ -550,6 +550,7 @@ REDECLARED = {
         ("D p(c(b(CHANGE))); D q;", {"p.c.b.t": 5.0, "q.c.b.t": 1.0}),
         ("extends C(b(CHANGE)); B r;", {"b.t": 5.0, "r.t": 1.0}),
         ("extends B(CHANGE); B q; C r;", {"t": 5.0, "q.t": 1.0, "r.b.t": 1.0}),
+        ("extends B; CHANGE; B q; C r;", {"t": 5.0, "q.t": 1.0, "r.b.t": 1.0}),
         ("B p[2](EACH);", {"p[1].t": 5.0, "p[2].t": 5.0}),
     ],
 )

@@ -12,6 +12,7 @@ from daest.model.flat import FlatModel
 from daest.modelica import failures
 from daest.modelica import syntax as s
 from daest.modelica.assemble import assemble
+from daest.modelica.body_redeclarations import with_redeclared_components
 from daest.modelica.bus_members import expandable_connectors
 from daest.modelica.change import declare, with_values
 from daest.modelica.compiler import Job, compile_source, modification, with_room
@@ -134,6 +135,7 @@ def _with_own_modifications(text: bytes) -> bytes:
 
 def _with_constraints(text: bytes, path: Path) -> bytes:
     """The text with what constraining classes say where the compiler does not see it."""
+    text = with_redeclared_components(text, _own_classes(text))
     text = with_default_packages(text, _own_classes(text))
     text = with_redeclared_parts(text, path, _own_classes(text))
     text = with_common_bases(text, _own_classes(text)) if b"redeclare" in text else text

@@ -45,9 +45,10 @@ def with_default_packages(text: bytes, classes: Classes) -> bytes:
 
 
 def _redeclared_by(around: ClassText) -> set[str]:
-    """Kinds and names of the classes that the extends clauses of a class redeclare."""
-    every = (one for _, words in bases_of(around) if words for one in arguments(words, 0))
-    return {_class(one) for one in every if one[0].text == "redeclare"} - {""}
+    """Kinds and names of the classes that a class redeclares of those that it inherits."""
+    every = [one for _, words in bases_of(around) if words for one in arguments(words, 0)]
+    every += [] if around.alias else statements(around.words)
+    return {_class(one) for one in every if one and one[0].text == "redeclare"} - {""}
 
 
 def _redeclared(one: Declared, wanted: set[str], classes: Classes, aliases: dict[str, str]) -> Iterator[Edit]:
