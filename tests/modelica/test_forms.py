@@ -3,14 +3,16 @@ what they mean, worked out by hand."""
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
 import pytest
 
 from daest.errors import ModelError
-from daest.modelica.compile import compile_text
+from daest.modelica.compile import compile_text, with_own_forms, with_own_modifications
 from daest.systems.simulate import simulate
 
 PART = """model Part
@@ -581,3 +583,30 @@ def test_a_redeclaration_that_would_be_lost_is_refused(model: str) -> None:
     with pytest.raises(ModelError, match="redeclares something inside of it") as caught:
         compile_text(text.encode(), Path("P.mo"), "P.M")
     assert str(caught.value.where) == f"P.mo:1:{text.index(model) + model.index('(') + 2}"
+
+
+def test_broken_text_is_passed_on_or_refused() -> None:
+    """What is written otherwise is looked for in any text: it must not fail where that breaks off."""
+    random = Random(1)
+    texts = [one.encode() for one in (LAWS, RECORDS, ARRAYS, OUTER, CHAIN, PACKAGES)]
+    pieces = (
+        b"(",
+        b")",
+        b";",
+        b",",
+        b"=",
+        b"{",
+        b"}",
+        b"[",
+        b" end ",
+        b" redeclare ",
+        b" extends ",
+        b":",
+        b".",
+    )
+    for _ in range(1500):
+        text = random.choice(texts)
+        at = random.randrange(len(text))
+        broken = (text[:at], text[:at] + text[at + 9 :], text[:at] + random.choice(pieces) + text[at:])
+        with contextlib.suppress(ModelError):
+            with_own_modifications(with_own_forms(random.choice(broken), Path("P.mo"), "P.M"))

@@ -30,7 +30,8 @@ def taken_value(words: Sequence[Token]) -> str:
     """The value of a modification as text."""
     texts = [word.text.replace("\n", "\\n") for word in words]
     if texts[:2] == ["linspace", "("] and closing(words, 1) == len(words):
-        return _linspace([_joined(one) for one in arguments(words, 1)])
+        given = [_joined(one) for one in arguments(words, 1)]
+        return _linspace(*given) if len(given) == 3 else " ".join(texts)
     if len(_between(words, ":")) in (2, 3):
         return _over_range([_ITERATOR], _ITERATOR, _between(words, ":"))
     if texts[:1] == ["{"] and closing(words, 0) == len(words):
@@ -60,8 +61,7 @@ def _over_range(element: Sequence[str], name: str, parts: Sequence[str]) -> str:
     return f"{{{_put(element, name, number)} for {_ITERATOR} in 1:div({last} - ({first}), {step}) + 1}}"
 
 
-def _linspace(given: Sequence[str]) -> str:
-    first, last, size = given
+def _linspace(first: str, last: str, size: str) -> str:
     element = f"({first}) + ({last} - ({first}))*({_ITERATOR} - 1)/({size} - 1)"
     return f"{{{element} for {_ITERATOR} in 1:{size}}}"
 

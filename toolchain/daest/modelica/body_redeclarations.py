@@ -31,7 +31,7 @@ def _moved(around: ClassText, classes: Classes, text: bytes) -> Iterator[Edit]:
     moved: dict[int, list[str]] = {}
     words = around.words
     for line in statements(words):
-        if line[0].text != "redeclare" or set(_texts(line[1:4])) & set(KINDS):
+        if not line or line[0].text != "redeclare" or set(_texts(line[1:4])) & set(KINDS):
             continue
         end = next(
             (i for i, word in enumerate(line) if word.kind == "text" or word.text == "annotation"), len(line)

@@ -82,9 +82,7 @@ def compile_text(
     `compile_model` raises."""
     text, names = without_quotes(text)
     name = _chosen_class(text, names, path, class_name)
-    text = with_integer_constants(text, _own_classes(text))
-    text = _with_constraints(without_broken(text, path, name), path)
-    text = with_named_classes(text, path, name)
+    text = with_own_forms(text, path, name)
     folders = library_roots(libraries)
     bases: dict[str, str] = {}
     while True:
@@ -97,6 +95,14 @@ def compile_text(
             if not may_extend(text, part, problem.name, problem.wanted):
                 raise
             bases[problem.name] = problem.wanted
+
+
+def with_own_forms(text: bytes, path: Path, name: str) -> bytes:
+    """The text with what its own classes alone decide as the compiler takes it; `name` is the class that is
+    compiled. Raises ModelError for what the compiler would lose."""
+    text = with_integer_constants(text, _own_classes(text))
+    text = _with_constraints(without_broken(text, path, name), path)
+    return with_named_classes(text, path, name)
 
 
 def _with_part(
@@ -121,12 +127,12 @@ def _with_part(
             # What no file of the library declares is missing in the whole of it, too.
             if problem.code not in _MISSING or failures.is_missing_in_library(problem):
                 raise
-    text = _with_own_modifications(text)
+    text = with_own_modifications(text)
     whole = Job(path, text, name, readable_roots(folders, text, path), names=names)
     return with_room(lambda: _compile(whole, dict(overrides or {})))
 
 
-def _with_own_modifications(text: bytes) -> bytes:
+def with_own_modifications(text: bytes) -> bytes:
     """The text with its modifications as the compiler takes them, as far as its own classes tell."""
     text = with_record_values(text, _own_classes(text))
     text = with_last_elements(text, _own_classes(text))
@@ -164,7 +170,7 @@ def _excerpt(
     words = {token.text for token in tokens(text) if token.kind == "name"}
     if known & words:
         return excerpt(entries, bundled, text, path, bases)
-    if adapted(_with_own_modifications(text)) != text or expandable_connectors(text):
+    if adapted(with_own_modifications(text)) != text or expandable_connectors(text):
         return excerpt([], bundled, text, path)
     # A text that names no library is compiled in no time where the compiler has not to look at any.
     is_named = any(library_name(entry) in words for folder in bundled for entry in library_entries(folder))

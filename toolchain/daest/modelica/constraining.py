@@ -69,8 +69,8 @@ def with_common_bases(text: bytes, classes: Classes) -> bytes:
     edits = []
     for i in _declarations(words):
         end = name_end(words, i + 4)
-        behind = closing(words, end) if words[end].text == "(" else end
-        if words[i + 2].text in names and words[behind].text != "constrainedby":
+        behind = closing(words, end) if _text(words, end) == "(" else end
+        if words[i + 2].text in names and _text(words, behind) != "constrainedby":
             name = "".join(word.text for word in words[i + 4 : end])
             bases = _bases_of(classes.resolved(name, class_around(heads, words[i].start)), classes)
             if len(bases) == 1:
@@ -79,12 +79,16 @@ def with_common_bases(text: bytes, classes: Classes) -> bytes:
     return edited(text, edits)
 
 
+def _text(words: Sequence[Token], at: int) -> str:
+    return words[at].text if at < len(words) else ""
+
+
 def _redeclarations(words: Sequence[Token]) -> Iterator[int]:
     """Where classes are redeclared with modifications: `redeclare model F = Q(k = 3)`."""
     for i in range(len(words) - 5):
         at = i + (words[i + 1].text == "replaceable")
         is_class = words[at + 1].text in KINDS and words[at + 3].text == "="
-        if words[i].text == "redeclare" and is_class and words[name_end(words, at + 4)].text == "(":
+        if words[i].text == "redeclare" and is_class and _text(words, name_end(words, at + 4)) == "(":
             yield at
 
 
@@ -129,7 +133,8 @@ def _added(text: bytes, words: Sequence[Token], behind: int, wanted: Sequence[Ch
 
 def _opening(words: Sequence[Token], closed: int) -> int:
     """The bracket that the one at `closed` closes."""
-    return next(i for i in range(closed, -1, -1) if words[i].text == "(" and closing(words, i) == closed + 1)
+    before = range(closed, -1, -1)
+    return next((i for i in before if words[i].text == "(" and closing(words, i) == closed + 1), 0)
 
 
 def _modified_class(one: Modification, heads: Sequence[ClassHead], classes: Classes) -> ClassText | None:

@@ -94,7 +94,7 @@ def _defaults(around: ClassText, classes: Classes, steps: int = 0) -> dict[str, 
 def _named(words: Sequence[Token], first: str, around: ClassText, classes: Classes) -> dict[str, str]:
     """What `redeclare model F = A` or the like says: the kind and the name, and the full name."""
     at = next((i for i, word in enumerate(words) if word.text in KINDS), len(words))
-    if words[0].text != first or at + 3 >= len(words) or words[at + 2].text != "=":
+    if not words or words[0].text != first or at + 3 >= len(words) or words[at + 2].text != "=":
         return {}
     end = name_end(words, at + 3)
     full = classes.resolved("".join(word.text for word in words[at + 3 : end]), around.name)

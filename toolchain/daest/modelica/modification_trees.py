@@ -82,7 +82,7 @@ def _other(words: Sequence[Token]) -> Change:
 
 def _is_class(words: Sequence[Token]) -> bool:
     """Whether a bracket behind the words of a redeclaration modifies the class or the component."""
-    return words[0].text != "break" and (words[-1].kind == "name" or words[-1].text == "]")
+    return bool(words) and words[0].text != "break" and (words[-1].kind == "name" or words[-1].text == "]")
 
 
 def _joined(words: Iterable[Token]) -> str:
