@@ -610,3 +610,21 @@ def test_broken_text_is_passed_on_or_refused() -> None:
         broken = (text[:at], text[:at] + text[at + 9 :], text[:at] + random.choice(pieces) + text[at:])
         with contextlib.suppress(ModelError):
             with_own_modifications(with_own_forms(random.choice(broken), Path("P.mo"), "P.M"))
+
+
+@pytest.mark.parametrize(
+    ("model", "said"),
+    [
+        ("C a(b(redeclare model F = Nope));", "class `Nope` is not known"),
+        ("C a(b(redeclare model G = A5));", "`P.B` has no `G` that could be redeclared"),
+        ("C a(bb(redeclare model F = A5));", "`P.C` has no `bb`"),
+        ("B a(redeclare model G = A5);", "`P.B` has no `G`"),
+        ("extends B(redeclare A5 g);", "`P.B` has no `g`"),
+    ],
+)
+def test_what_is_not_there_cannot_be_redeclared(model: str, said: str) -> None:
+    classes, _ = REDECLARED["model"]
+    text = f"package P {classes} model C B b; end C; model M {model} end M; end P;\n"
+    with pytest.raises(ModelError, match=said) as caught:
+        compile_text(text.encode(), Path("P.mo"), "P.M")
+    assert str(caught.value.where).startswith("P.mo:1:")

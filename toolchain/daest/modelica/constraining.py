@@ -13,6 +13,7 @@ from pathlib import Path
 from daest.errors import ModelError
 from daest.modelica.components import Classes, ClassText
 from daest.modelica.modification_trees import Change, changes, merged, written
+from daest.modelica.modifications import check_redeclared_names
 from daest.modelica.nested_modifications import Modification, class_around, modifications, overwritten
 from daest.modelica.outline import (
     KINDS,
@@ -45,17 +46,19 @@ def with_constraining_modifications(text: bytes) -> bytes:
 
 def with_constrained_redeclarations(text: bytes, path: Path, classes: Classes) -> bytes:
     """The text with the modifications of constraining classes of `classes` where these are redeclared. Raises
-    ModelError for one that names a variable, which a class in another place cannot see."""
+    ModelError for one that names a variable, which a class in another place cannot see, and for what is
+    redeclared but not there."""
     if b"redeclare" not in text:
         return text
     heads = class_heads(text)
-    edits = [
-        edit
-        for one in modifications(list(tokens(text)))
-        if (base := _modified_class(one, heads, classes)) is not None
-        for words in arguments(one.words, 0)
-        for edit in _redeclared(words, base, classes, text, path)
-    ]
+    edits: list[Edit] = []
+    for one in modifications(list(tokens(text))):
+        base = _modified_class(one, heads, classes)
+        head = next((head for head in heads if base is not None and head.name == base.name), None)
+        if base is not None and head is not None:
+            check_redeclared_names(one.words, 0, head, heads, text, str(path))
+            for words in arguments(one.words, 0):
+                edits += _redeclared(words, base, classes, text, path)
     return edited(text, edits)
 
 

@@ -8,6 +8,7 @@ the same, `Car car(redeclare Part__0 motor)`, where `motor` is replaceable; so t
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from daest.errors import ModelError
 from daest.modelica.components import Classes, ClassText, Declared, statements
 from daest.modelica.constraining import names_variable, values_of
 from daest.modelica.modification_trees import Change, change, changes, written
+from daest.modelica.modifications import check_class_modification, names_of, redeclared_name
 from daest.modelica.nested_modifications import Modification, class_around, modifications, overwritten
 from daest.modelica.outline import (
     KINDS,
@@ -42,6 +44,7 @@ def with_redeclared_parts(text: bytes, path: Path, classes: Classes) -> bytes:
     if b"redeclare" not in text:
         return text
     heads = class_heads(text)
+    by_name = {head.name: head for head in heads}
     parts = _Parts(text, path, classes)
     for one in modifications(list(tokens(text))):
         scope = class_around(heads, one.words[0].start)
@@ -49,7 +52,10 @@ def with_redeclared_parts(text: bytes, path: Path, classes: Classes) -> bytes:
             made = change(words)
             if made.name and _redeclares(made):
                 parts.start, parts.scope = words[0].start, scope
-                again = written(parts.redeclared(made, _class(one, scope, classes)), ("together", "apart"))
+                full = _class(one, scope, classes)
+                if full in by_name:
+                    check_class_modification(one.words, 0, by_name[full], heads, text, str(path))
+                again = written(parts.redeclared(made, full), ("together", "apart"))
                 parts.edits[words[0].start] = overwritten(text, words[0].start, words[-1].end, again)
     appended = f"\n{' '.join(parts.appended)}\n".encode() if parts.appended else b""
     return edited(text, parts.edits.values()) + appended
@@ -90,6 +96,7 @@ class _Parts:
         made = None if full is None else self.classes.get(full)
         if component is None or made is None or component.sizes:
             raise self._beyond(one)
+        self._check_names(one.inner, made)
         inner = [self.redeclared(x, full) if x.name and _redeclares(x) else x for x in one.inner]
         own = [self._full(part) for part in inner if _is_redeclaration(part)]
         if any(names_variable(value) for part in own for value in values_of(part.inner)):
@@ -105,10 +112,33 @@ class _Parts:
         rest = (*(part for part in inner if not _is_redeclaration(part)), *again)
         return replace(one, name="", prefixes=(f"redeclare {name} {one.name}",), inner=rest)
 
+    def _check_names(self, inner: Sequence[Change], made: ClassText) -> None:
+        """Raise ModelError for what is redeclared but not there."""
+        heads = class_heads(self.text)
+        head = next((head for head in heads if head.name == made.name), None)
+        names = None if head is None else names_of(self.text, heads, head)
+        for one in filter(_is_redeclaration, inner):
+            name = redeclared_name(list(tokens(one.prefixes[0].encode())))
+            if names is not None and name is not None and name.text not in names:
+                raise ModelError(
+                    "model-unknown-name",
+                    f"`{made.name}` has no `{name.text}` that could be redeclared",
+                    where=place_of(str(self.path), self.text, self.start),
+                    remedy="Name something that it declares, or leave the redeclaration out.",
+                )
+
     def _full(self, one: Change) -> Change:
         """A redeclaration with the full name of its class, which does not stand where it was written."""
         found = _CLASS.match(one.prefixes[0]) or _COMPONENT.match(one.prefixes[0])
         full = None if found is None else self.classes.resolved(found[2].replace(" ", ""), self.scope)
+        is_made = found is not None and found[2].startswith(_NAME.format(""))
+        if found is not None and full is None and "." not in found[2] and not is_made:
+            raise ModelError(
+                "model-unknown-class",
+                f"class `{found[2]}` is not known",
+                where=place_of(str(self.path), self.text, self.start),
+                remedy="Check its spelling, or give its full name.",
+            )
         return one if found is None or full is None else replace(one, prefixes=(found[1] + full + found[3],))
 
     def _is_lost(self, one: Change, component: Declared, made: ClassText) -> bool:
