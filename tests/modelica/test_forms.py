@@ -173,6 +173,16 @@ def test_what_a_base_class_says_of_a_part_stays(
 @pytest.mark.parametrize(
     ("part", "clause", "expected"),
     [
+        (
+            "Part b",
+            'b(k(unit = "kg.m2/rad", max = 9, displayUnit = "g") = 3)',
+            {"b.k": {"value": 3.0, "min": 0.0, "max": 9.0, "unit": "kg.m2/rad"}},
+        ),
+        (
+            "Row b",
+            'b(w(each unit = "N", each max = 9) = {3, 4})',
+            {"b.w[2]": {"value": 4.0, "max": 9.0, "unit": "N"}},
+        ),
         ("Part b[2]", "b(each k(max = 9) = 3)", {"b[2].k": {"value": 3.0, "min": 0.0, "max": 9.0}}),
         ("Part b[2]", "b(k(each max = 9) = {3, 4})", {"b[2].k": {"value": 4.0, "max": 9.0}}),
         ("Part b[2]", "b(k(max = {8, 9}) = {3, 4})", {"b[1].k": {"value": 3.0, "max": 8.0}}),

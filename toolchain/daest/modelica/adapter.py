@@ -106,13 +106,17 @@ def _variable(v: dict[str, Any], flat: dict[str, Any]) -> s.FlatVariable:
         min=given.get("min") or _declared(v["min"], v),
         max=given.get("max") or _declared(v["max"], v),
         nominal=given.get("nominal") or _declared(v["nominal"], v),
-        unit=v["unit"] if isinstance(v["unit"], str) else "",
+        unit=_unit(given.get("unit")) or (v["unit"] if isinstance(v["unit"], str) else ""),
         description=v["description"] or "",
         state_select=_STATE_SELECT.get(v["state_select"], "default"),
         binding=binding,
         span=span(v["source_span"]),
         is_bus_member=bool(v.get("from_expandable_connector")),
     )
+
+
+def _unit(node: s.Node | None) -> str:
+    return str(node.value) if isinstance(node, s.Constant) else ""
 
 
 def _is_top_level(name: str, flat: dict[str, Any]) -> bool:

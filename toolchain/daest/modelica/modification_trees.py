@@ -16,7 +16,9 @@ value, see `packed`."""
 
 _PREFIXES = ("each", "final")
 _OTHER = ("redeclare", "replaceable", "break")
-_CODES = {"min": 7101, "max": 7102, "nominal": 7103, "start": 7104}
+_CODES = {"min": 7101, "max": 7102, "nominal": 7103, "start": 7104, "unit": 7105}
+_UNUSED = ("displayUnit", "quantity")
+_LETTERS = 6  # in a number that keeps them exactly
 
 
 @dataclass(frozen=True)
@@ -133,11 +135,14 @@ def _part(one: Change, styles: Sequence[Style], real: Container[str]) -> str:
 def packed(one: Change) -> str:
     """Value and attributes in one expression that the compiler passes on as it is, `homotopy(homotopy(4, 5),
     7102)`, of arrays in each element; empty where that cannot be told."""
-    attributes = {attribute.name: attribute for attribute in one.inner}
-    if not attributes.keys() <= _CODES.keys() or any(attribute.inner for attribute in one.inner):
+    inner = [attribute for attribute in one.inner if attribute.name not in _UNUSED]
+    if any(attribute.name not in _CODES or attribute.inner for attribute in inner):
         return ""
     values = [one.value] if one.prefixes == ("each",) else _elements(one.value)
-    for attribute in one.inner:
+    for attribute in inner:
+        if attribute.name == "unit":
+            values = [_with_unit(value, attribute.value.strip('"')) for value in values]
+            continue
         is_each = attribute.prefixes == ("each",)
         own = [attribute.value] * len(values) if is_each else _elements(attribute.value)
         if len(own) != len(values) or (
@@ -148,6 +153,15 @@ def packed(one: Change) -> str:
         pairs = zip(values, own, strict=True)
         values = [f"homotopy(homotopy({value}, {bound}), {code})" for value, bound in pairs]
     return f"{{{', '.join(values)}}}" if one.value.startswith("{") else values[0]
+
+
+def _with_unit(value: str, unit: str) -> str:
+    """A value packed with its unit, some letters in a number."""
+    letters = unit.encode()
+    for at in range(0, len(letters), _LETTERS):
+        number = int.from_bytes(letters[at : at + _LETTERS], "big")
+        value = f"homotopy(homotopy({value}, {number}.0), {_CODES['unit']})"
+    return value
 
 
 def _elements(value: str) -> list[str]:
@@ -172,9 +186,22 @@ def unpacked(node: s.Node | None) -> tuple[s.Node | None, dict[str, s.Node]]:
         and isinstance(inner := node.arguments[0], s.Call)
         and inner.function == "homotopy"
     ):
-        attributes.setdefault(names[int(node.arguments[-1].value)], inner.arguments[1])
+        name, given = names[int(node.arguments[-1].value)], inner.arguments[1]
+        if name == "unit":
+            given = s.Constant(_letters(given) + _letters(attributes.get(name)))
+        attributes[name] = given if name == "unit" else attributes.get(name, given)
         node = inner.arguments[0]
     return node, attributes
+
+
+def _letters(node: s.Node | None) -> str:
+    """The text of a constant, or the letters that are packed in a number."""
+    if not isinstance(node, s.Constant):
+        return ""
+    if isinstance(node.value, str):
+        return node.value
+    number = int(node.value)
+    return number.to_bytes((number.bit_length() + 7) // 8, "big").decode("utf-8", "replace")
 
 
 def _unpacked_array(node: s.Array) -> tuple[s.Node, dict[str, s.Node]]:
@@ -184,4 +211,6 @@ def _unpacked_array(node: s.Array) -> tuple[s.Node, dict[str, s.Node]]:
     if not names or any(set(given) != names for _, given in every):
         return node, {}
     made = replace(node, elements=tuple(value for value, _ in every if value is not None))
-    return made, {name: replace(node, elements=tuple(given[name] for _, given in every)) for name in names}
+    first = every[0][1]
+    arrays = {name: replace(node, elements=tuple(given[name] for _, given in every)) for name in names}
+    return made, arrays | {name: first[name] for name in names & {"unit"}}
