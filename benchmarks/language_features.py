@@ -143,6 +143,30 @@ def features() -> Iterator[Feature]:
     )
     yield Feature(
         area,
+        "modifications of parts of parts, by dotted names too, with values beside attributes",
+        "package P model A parameter Real k(max = 9) = 1; Real x(start = 0, fixed = true); equation der(x) = "
+        "k; end A;\nmodel B A a(x(start = 1)); end B; model C B b; end C;\n"
+        "model M extends B(a(k(min = 0) = 3)); C c(b.a.k = 4, b.a.x.start = 2); end M; end P;",
+        (("a.x", 1.0, 4.0), ("c.b.a.x", 1.0, 6.0)),
+    )
+    yield Feature(
+        area,
+        "redeclarations inside of modifications",
+        "package P model A parameter Real k = 1; Real x(start = 0, fixed = true); equation der(x) = k; "
+        "end A;\nmodel A2 = A(k = 5); model B replaceable model F = A; F f; end B; model C B b; end C;\n"
+        "model M C c(b(redeclare model F = A2)); C d; end M; end P;",
+        (("c.b.f.x", 1.0, 5.0), ("d.b.f.x", 1.0, 1.0)),
+    )
+    yield Feature(
+        area,
+        "`inner` and `outer` variables and parameters",
+        "package P model B outer Real T; outer parameter Real k; Real x(start = 0, fixed = true);\n"
+        "equation der(x) = k*T; end B; model C B b; end C;\n"
+        "model M inner Real T = 2; inner parameter Real k = 3; C c; end M; end P;",
+        (("c.b.x", 1.0, 6.0),),
+    )
+    yield Feature(
+        area,
         "`inner` and `outer`",
         "package P model E parameter Real g = 1; end E;\n"
         "model B outer E e; Real x(start = 0, fixed = true); equation der(x) = e.g; end B;\n"

@@ -117,7 +117,6 @@ end Around;
 
 
 ROOM = {"d": (0.1, 0.0, None), "k": (4.0, None, 5.0)}
-VALUE = {"d": (0.1, 0.0, None), "k": (4.0, None, None)}  # the compiler has no place for the bound
 REDECLARED = "Around a(redeclare model Kind = Base(k(max = 5) = 4), u = u);"
 
 
@@ -130,13 +129,13 @@ REDECLARED = "Around a(redeclare model Kind = Base(k(max = 5) = 4), u = u);"
             "",
             {"d": (-0.5, -1.0, None), "k": (2.0, None, None)},
         ),
-        # Code behind the clause keeps its columns: the value stays alone.
-        ("model M extends Base(k(max = 5) = 4); Real z; equation z = v; end M;", "", VALUE),
+        # Code behind the clause keeps its columns.
+        ("model M extends Base(k(max = 5) = 4); Real z; equation z = v; end M;", "", ROOM),
         ("model M = Base(k(max = 5) = 4);", "", ROOM),
         ("model M\n  input Real u;\n  Base b(k(max = 5) = 4, u = u);\nend M;", "b.", ROOM),
         ("model M\n  input Real u;\n  Around a(b(k(max = 5) = 4), u = u);\nend M;", "a.b.", ROOM),
         (f"model M\n  input Real u;\n  {REDECLARED}\nend M;", "a.b.", ROOM),
-        ("model M\n  extends Around(b(k(max = 5) = 4));\nend M;", "b.", VALUE),
+        ("model M\n  extends Around(b(k(max = 5) = 4));\nend M;", "b.", ROOM),
     ],
 )
 def test_value_beside_attributes_in_a_modification_is_not_lost(text, prefix, expected):

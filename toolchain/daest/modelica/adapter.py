@@ -14,6 +14,7 @@ from typing import Any, Literal, TypeGuard
 from daest.errors import ModelError
 from daest.modelica import syntax as s
 from daest.modelica.dialect import CONSTRUCTOR, MARK, OPERATORS
+from daest.modelica.modification_trees import unpacked
 from daest.modelica.text import text
 
 _BINARY = {
@@ -89,6 +90,7 @@ def span(value: dict[str, Any] | None) -> s.Span | None:
 def _variable(v: dict[str, Any], flat: dict[str, Any]) -> s.FlatVariable:
     name = v["name"]
     type_name = flat["variable_type_names"].get(name, "Real")
+    binding, given = unpacked(expression(v["binding"]) if v["binding"] else None)
     return s.FlatVariable(
         name=name,
         type_name=type_name,
@@ -99,18 +101,22 @@ def _variable(v: dict[str, Any], flat: dict[str, Any]) -> s.FlatVariable:
         is_discrete=bool(v["is_discrete_type"]) or type_name in _DISCRETE_TYPES or _is_enumeration(v, flat),
         is_top_level=_is_top_level(name, flat),
         dimensions=tuple(v["dims"]),
-        start=_declared(v["start"], v),
+        start=given.get("start") or _declared(v["start"], v),
         fixed=tuple(v["fixed"] or ()),
-        min=_declared(v["min"], v),
-        max=_declared(v["max"], v),
-        nominal=_declared(v["nominal"], v),
-        unit=v["unit"] if isinstance(v["unit"], str) else "",
+        min=given.get("min") or _declared(v["min"], v),
+        max=given.get("max") or _declared(v["max"], v),
+        nominal=given.get("nominal") or _declared(v["nominal"], v),
+        unit=_unit(given.get("unit")) or (v["unit"] if isinstance(v["unit"], str) else ""),
         description=v["description"] or "",
         state_select=_STATE_SELECT.get(v["state_select"], "default"),
-        binding=expression(v["binding"]) if v["binding"] else None,
+        binding=binding,
         span=span(v["source_span"]),
         is_bus_member=bool(v.get("from_expandable_connector")),
     )
+
+
+def _unit(node: s.Node | None) -> str:
+    return str(node.value) if isinstance(node, s.Constant) else ""
 
 
 def _is_top_level(name: str, flat: dict[str, Any]) -> bool:
@@ -409,7 +415,11 @@ def _function(value: dict[str, Any]) -> s.Function:
 
 def _function_variable(value: dict[str, Any]) -> s.FunctionVariable:
     default = expression(value["default"]) if value.get("default") else None
-    return s.FunctionVariable(value["name"], value["type_name"], _subscripts(value["shape_expr"]), default)
+    shape = _subscripts(value["shape_expr"])
+    if not shape:  # `type Vector = Real[3]` has a size of its own
+        sizes = (value.get("effective_type") or {}).get("dimensions") or ()
+        shape = tuple(s.Constant(size) if isinstance(size, int) and size > 0 else s.Colon() for size in sizes)
+    return s.FunctionVariable(value["name"], value["type_name"], shape, default)
 
 
 def _statements(nodes: Iterable[dict[str, Any]] | None) -> tuple[s.Statement, ...]:

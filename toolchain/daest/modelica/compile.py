@@ -12,13 +12,22 @@ from daest.model.flat import FlatModel
 from daest.modelica import failures
 from daest.modelica import syntax as s
 from daest.modelica.assemble import assemble
+from daest.modelica.body_redeclarations import with_redeclared_components
 from daest.modelica.bus_members import expandable_connectors
 from daest.modelica.change import declare, with_values
 from daest.modelica.compiler import Job, compile_source, modification, with_room
+from daest.modelica.components import Classes
+from daest.modelica.constraining import (
+    with_common_bases,
+    with_constrained_redeclarations,
+    with_constraining_modifications,
+)
+from daest.modelica.default_packages import with_default_packages
 from daest.modelica.dialect import Names, adapted, with_named_classes, without_broken, without_quotes
 from daest.modelica.excerpt import adapted_text, excerpt, may_extend
 from daest.modelica.fitting import with_bases
 from daest.modelica.inner_values import with_inner_values
+from daest.modelica.last_elements import with_last_elements
 from daest.modelica.library import (
     Roots,
     chosen_libraries,
@@ -28,8 +37,13 @@ from daest.modelica.library import (
     readable_roots,
 )
 from daest.modelica.modifications import check_modifications
+from daest.modelica.nested_modifications import with_taken_modifications
+from daest.modelica.nested_redeclarations import with_redeclared_parts
+from daest.modelica.outer_variables import without_outer_variables
 from daest.modelica.outline import class_heads, tokens
+from daest.modelica.package_constants import with_integer_constants
 from daest.modelica.parameters import is_parameter
+from daest.modelica.record_values import with_record_values
 from daest.modelica.source import read_source, select_class
 from daest.modelica.table_files import Folders
 
@@ -68,7 +82,7 @@ def compile_text(
     `compile_model` raises."""
     text, names = without_quotes(text)
     name = _chosen_class(text, names, path, class_name)
-    text = with_named_classes(without_broken(text, path, name), path, name)
+    text = with_own_forms(text, path, name)
     folders = library_roots(libraries)
     bases: dict[str, str] = {}
     while True:
@@ -81,6 +95,14 @@ def compile_text(
             if not may_extend(text, part, problem.name, problem.wanted):
                 raise
             bases[problem.name] = problem.wanted
+
+
+def with_own_forms(text: bytes, path: Path, name: str) -> bytes:
+    """The text with what its own classes alone decide as the compiler takes it; `name` is the class that is
+    compiled. Raises ModelError for what the compiler would lose."""
+    text = with_integer_constants(text, _own_classes(text))
+    text = _with_constraints(without_broken(text, path, name), path)
+    return with_named_classes(text, path, name)
 
 
 def _with_part(
@@ -105,8 +127,32 @@ def _with_part(
             # What no file of the library declares is missing in the whole of it, too.
             if problem.code not in _MISSING or failures.is_missing_in_library(problem):
                 raise
+    text = with_own_modifications(text)
     whole = Job(path, text, name, readable_roots(folders, text, path), names=names)
     return with_room(lambda: _compile(whole, dict(overrides or {})))
+
+
+def with_own_modifications(text: bytes) -> bytes:
+    """The text with its modifications as the compiler takes them, as far as its own classes tell."""
+    text = with_record_values(text, _own_classes(text))
+    text = with_last_elements(text, _own_classes(text))
+    return with_taken_modifications(text, _own_classes(text))
+
+
+def _with_constraints(text: bytes, path: Path) -> bytes:
+    """The text with what constraining classes say where the compiler does not see it."""
+    text = with_redeclared_components(text, _own_classes(text))
+    text = with_default_packages(text, _own_classes(text))
+    text = with_redeclared_parts(text, path, _own_classes(text))
+    text = with_common_bases(text, _own_classes(text)) if b"redeclare" in text else text
+    text = with_constrained_redeclarations(text, path, _own_classes(text))
+    return with_constraining_modifications(text)
+
+
+def _own_classes(text: bytes) -> Classes:
+    """The classes of the text alone."""
+    own = {head.name for head in class_heads(text)}
+    return Classes(lambda full: text if full in own else None)
 
 
 # Errors that an excerpt of a library may cause by what it lacks.
@@ -124,7 +170,7 @@ def _excerpt(
     words = {token.text for token in tokens(text) if token.kind == "name"}
     if known & words:
         return excerpt(entries, bundled, text, path, bases)
-    if adapted(text) != text or expandable_connectors(text):
+    if adapted(with_own_modifications(text)) != text or expandable_connectors(text):
         return excerpt([], bundled, text, path)
     # A text that names no library is compiled in no time where the compiler has not to look at any.
     is_named = any(library_name(entry) in words for folder in bundled for entry in library_entries(folder))
@@ -173,7 +219,7 @@ def _settled(job: Job) -> tuple[Job, s.FlatSource]:
     source = compile_source(job)
     settled = with_inner_values(source, job)
     found = source if settled is job else compile_source(settled)
-    return settled, replace(found, folders=_folders(job))
+    return settled, replace(without_outer_variables(found), folders=_folders(job))
 
 
 def _folders(job: Job) -> Folders:

@@ -63,6 +63,7 @@ class ClassText:
     bases: tuple[str, ...]
     imports: dict[str, str]
     alias: str  # the class that a short definition names
+    kind: str  # "model", "record" …
 
 
 @dataclass
@@ -171,10 +172,10 @@ def _class_text(text: bytes, head: ClassHead, file: str) -> ClassText:
             at += 1
         alias = "".join(word.text for word in words[at : name_end(words, at)])
         is_array = name_end(words, at) < len(words) and words[name_end(words, at)].text == "["
-        return ClassText(head.name, file, words, {}, (), {}, "" if is_array else alias)
+        return ClassText(head.name, file, words, {}, (), {}, "" if is_array else alias, head.kind)
     components = {one.name.text: one for line in statements(words) for one in declared(line, head.name)}
     bases = tuple(clause.base for clause in extends_clauses(words))
-    return ClassText(head.name, file, words, components, bases, imports(words), "")
+    return ClassText(head.name, file, words, components, bases, imports(words), "", head.kind)
 
 
 def statements(words: Sequence[Token]) -> Iterator[list[Token]]:

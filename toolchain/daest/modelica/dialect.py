@@ -35,6 +35,7 @@ from typing import Any
 import numpy as np
 
 from daest.errors import ModelError
+from daest.modelica.array_values import with_nested_constructors
 from daest.modelica.function_text import find_function, hidden
 from daest.modelica.modifications import check_class_modification
 from daest.modelica.outline import (
@@ -56,7 +57,6 @@ from daest.modelica.outline import (
     place_of,
     tokens,
 )
-from daest.modelica.values_apart import with_values_apart
 
 DER, DELAY = "deR", "delaY"
 """The functions that stand for der() of an expression and for delay()."""
@@ -122,13 +122,15 @@ def adapted(text: bytes) -> bytes:
     """The text as the compiler takes it. Lines keep their numbers."""
     if b"ExternalObject" in text:
         text = _without_objects(text)
+    if _SEVERAL.search(text):
+        text = with_nested_constructors(text)
     text = _with_full_imports(_without_inner_bases(text.replace(_C_TABLES, _C_TABLES.upper())))
-    text = with_values_apart(text)
     if b"function find" in text:
         heads = {head.name for head in class_heads(text)}
         for name in _LOOPS_OVER_LETTERS:
             if name in heads and (function := find_function(text, name)):
                 text = hidden(text, function)
+    text = _EACH.sub(lambda match: match[1] + b"    ", text)
     text = _NAMED.sub(lambda match: match[1] + b" " * len(match[2]), text)
     if b"loadResource" in text:
         text = _LOADED.sub(lambda match: b" " * len(match[0]), text)
@@ -136,6 +138,9 @@ def adapted(text: bytes) -> bytes:
         text = _with_marked(text, _DELAY, DELAY)
     return _with_marked(text, _DER, DER) if b"der" in text else text
 
+
+# What may be an array that is made over several ranges.
+_SEVERAL = re.compile(rb"\{[^;]*\bfor\s+\w+\s+in\b[^;]*,\s*\w+\s+in\b")
 
 # Functions of Modelica.Utilities.Strings that tell what kind of file a table stands in.
 _LOOPS_OVER_LETTERS = ("Modelica.Utilities.Strings.find", "Modelica.Utilities.Strings.findLast")
@@ -146,6 +151,9 @@ _NAMED = re.compile(
     rb'(\bfileName\s*<>\s*"NoName"\s+)(and\s+not\s+Modelica\.Utilities\.Strings\.isEmpty\(fileName\))'
     rb'(?=\s*then\s+fileName\s+else\s+"NoName")'
 )
+
+# `redeclare each`, which the compiler takes for each element either way, without the word.
+_EACH = re.compile(rb"\b(redeclare\s+)each\b")
 
 # The call that makes a path of an URI; files are found by the URI itself.
 _LOADED = re.compile(

@@ -13,6 +13,7 @@ import pickle
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
@@ -20,12 +21,16 @@ from daest.cache import cache_folder, keep_content, kept_content
 from daest.modelica.bus_members import bus_members, with_members
 from daest.modelica.complex_text import COMPLEX, with_parts
 from daest.modelica.components import Classes
+from daest.modelica.constraining import with_constraining_modifications
 from daest.modelica.dialect import OPERATOR_FILES, adapted, external_objects, with_constructors
 from daest.modelica.fitting import fits, with_bases
+from daest.modelica.last_elements import with_last_elements
 from daest.modelica.library import BYTE_ORDER_MARK, Roots, kept_folder, library_name, stamp, write_file
+from daest.modelica.nested_modifications import with_taken_modifications
 from daest.modelica.outline import NO_CODE, class_heads
+from daest.modelica.record_values import with_record_values
 
-_VERSION = "31"  # of what is kept; another one throws away what is there
+_VERSION = "32"  # of what is kept; another one throws away what is there
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
 _ALIAS = re.compile(
     rb"\b(?:import|package|model|function|type|block|connector|record|class|operator)\s+([A-Za-z_]\w*)"
@@ -282,6 +287,8 @@ def _written(
             place = library.places[full]
             inside = f"{library_name(library.entry)}/{place}" if place else f"{full}.mo"
             text = with_parts(texts[full], classes) if full in with_complex else texts[full]
+            text = with_last_elements(text, classes)
+            text = with_taken_modifications(with_constraining_modifications(text), classes)
             write_file(draft / inside, with_constructors(adapted(text), objects))
         for name, content in OPERATOR_FILES.items():
             write_file(draft / f"{name}.mo", content.encode())
@@ -320,6 +327,8 @@ def adapted_text(text: bytes, roots: Roots) -> bytes:
     text = with_members(text, members) if members else text
     if any(Path(made).stem == COMPLEX for made in roots.origins):
         text = with_parts(text, Classes(lambda full: _read_of(full, text, roots)))
+    for written in (with_record_values, with_last_elements, with_taken_modifications):
+        text = written(text, Classes(partial(_read_of, text=text, roots=roots)))
     return with_constructors(adapted(text), objects) + f"\n// {' '.join(names)}\n".encode()
 
 
@@ -339,4 +348,8 @@ def _read_of(full: str, text: bytes, roots: Roots) -> bytes | None:
                 if file.is_file():
                     return file.read_bytes()
             return None
-    return text if any(head.name == full for head in class_heads(text)) else None
+    if any(head.name == full for head in class_heads(text)):
+        return text
+    places = (folder.joinpath(*parts) for folder in roots.folders)
+    files = (file for place in places for file in (place / "package.mo", place.with_suffix(".mo")))
+    return next((file.read_bytes() for file in files if file.is_file()), None)

@@ -11,7 +11,7 @@ import rumoca
 
 from daest.errors import ModelError, Place
 from daest.modelica.library import library_root
-from daest.modelica.outline import Token, class_heads, imported, place_of, tokens
+from daest.modelica.outline import Token, class_heads, imported, place_of, place_told, tokens
 from daest.near import did_you_mean, near_names
 
 STANDARD = "Modelica."  # how names of the Modelica Standard Library begin
@@ -328,7 +328,9 @@ def syntax_fault(path: Path, text: bytes) -> ModelError | None:
             continue
         shown = diagnostic.message
         position = _POSITION.search(shown)
-        where = Place(str(path), int(position[1]), int(position[2])) if position else Place(str(path))
+        where = Place(str(path))
+        if position:
+            where = place_told(str(path), text, int(position[1]), int(position[2]))
         what = re.search(r"×\s*(.+(?:\n\s+│ .+)*)", shown)
         expected = re.search(r"help: (expected.+?)(?:\n\s*\n|\Z)", shown, re.DOTALL)
         remedy = _expected(" ".join(expected[1].split()) if expected else "")
@@ -513,8 +515,9 @@ def _types(message: str, path: Path, text: bytes, class_name: str) -> ModelError
     position = re.search(r"\s*\[([^\[\]]*):(\d+):(\d+)\]\s*$", first)
     where: Place | str = str(path)
     if position:
-        file = str(path) if Path(position[1]).name == path.name else position[1]
-        where = Place(file, int(position[2]), int(position[3]))
+        is_own = Path(position[1]).name == path.name
+        line, column = int(position[2]), int(position[3])
+        where = place_told(str(path), text, line, column) if is_own else Place(position[1], line, column)
         first = first[: position.start()]
     remedy = "Make both sides of the same type and size."
     if "invalid unit" in first:

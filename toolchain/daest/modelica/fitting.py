@@ -36,7 +36,8 @@ def _components(classes: Classes, name: str, steps: int = 0) -> set[str]:
 def with_bases(text: bytes, bases: Mapping[str, str]) -> bytes:
     """The text in which each class of it that `bases` names extends another class, by full names."""
     edits = []
-    for head in (head for head in class_heads(text) if head.name in bases) if bases else ():
+    heads = class_heads(text) if bases else ()
+    for head in (head for head in heads if head.name in bases and not head.is_short):
         behind = _BEHIND.match(text, head.start)
         assert behind is not None
         edits.append(Edit(behind.end(), behind.end(), f" extends .{bases[head.name]};"))

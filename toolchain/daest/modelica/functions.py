@@ -24,6 +24,9 @@ MAX_ITERATIONS = 100_000
 
 Frame = dict[str, Value | None]
 
+# Types whose sizes are known: a type of another name may be one of arrays.
+_SCALARS = ("Real", "Integer", "Boolean", "String")
+
 
 class _Unassigned:
     """Stands in an array for an element without a value."""
@@ -67,11 +70,13 @@ class FunctionLibrary:
                 None,
                 "Write it with a for-loop, or make the recursion end on a constant condition.",
             )
+        shape = _elementwise(function, arguments)
+        if shape is not None and all(one.type_name in _SCALARS for one in function.inputs):
+            return self._for_each_element(function, arguments, shape, evaluator)
         self.depth += 1
         try:
             return _Run(self, function, evaluator).results(arguments)
         except ModelError:
-            shape = _elementwise(function, arguments)
             if shape is None:
                 raise
         finally:

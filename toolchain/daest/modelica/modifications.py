@@ -16,6 +16,7 @@ from daest.modelica import syntax as s
 from daest.modelica.components import declared, statements
 from daest.modelica.expressions import split_path
 from daest.modelica.outline import (
+    KINDS,
     ClassHead,
     Token,
     arguments,
@@ -130,6 +131,29 @@ def check_class_modification(
     for one in _modifications(words, opening):
         if names is not None and one.name.partition(".")[0] not in names:
             raise _nothing_there(one, f"`{base.name}`", sorted(names), text, file)
+
+
+def check_redeclared_names(
+    words: Sequence[Token], opening: int, base: ClassHead, heads: Sequence[ClassHead], text: bytes, file: str
+) -> None:
+    """As `check_class_modification`, of what a modification redeclares."""
+    names = names_of(text, heads, base)
+    for one in arguments(words, opening):
+        at = redeclared_name(one)
+        if names is not None and at is not None and at.text not in names:
+            raise _nothing_there(_Modification(at.text, at, ()), f"`{base.name}`", sorted(names), text, file)
+
+
+def redeclared_name(words: Sequence[Token]) -> Token | None:
+    """The name of the class or component that an argument redeclares; None for any other argument."""
+    if words[0].text != "redeclare":
+        return None
+    for i, word in enumerate(words):
+        if word.text in KINDS and i + 1 < len(words):
+            return words[i + 1]
+        if word.text in ("(", "[", "=") or word.kind == "text":
+            return words[i - 1]
+    return words[-1]
 
 
 def names_of(text: bytes, heads: Sequence[ClassHead], head: ClassHead) -> frozenset[str] | None:

@@ -128,11 +128,36 @@ def tokens(source: bytes, start: int = 0) -> Iterable[Token]:
             yield Token(match.lastgroup, text, match.start(), match.end())  # type: ignore[arg-type]
 
 
+_INSERTED, _INSERTED_END = "/*daest<*/", "/*>daest*/"
+_MARK = re.compile(rb"/\*(?:daest(<)|>daest)\*/")
+
+
+def inserted(text: str) -> str:
+    """Text without a line end for the compiler to read where the user wrote none: places do not count it."""
+    return f"{_INSERTED}{text}{_INSERTED_END}"
+
+
 def place_of(file: str, source: bytes, offset: int) -> Place:
-    """Line and column (in characters, from 1) of a byte offset."""
+    """Line and column (in characters, from 1) of a byte offset; what is `inserted` before does not count."""
     line_start = source.rfind(b"\n", 0, offset) + 1
-    column = len(source[line_start:offset].decode("utf-8", "replace")) + 1
-    return Place(file, source.count(b"\n", 0, offset) + 1, column)
+    before = _without_inserted(source[line_start:offset]).decode("utf-8", "replace")
+    return Place(file, source.count(b"\n", 0, offset) + 1, len(before) + 1)
+
+
+def _without_inserted(line: bytes) -> bytes:
+    """The part of a line without what is inserted in it, which may hold other such."""
+    kept, at, depth = [], 0, 0
+    for mark in _MARK.finditer(line):
+        if depth == 0:
+            kept.append(line[at : mark.start()])
+        depth += 1 if mark[1] else -1
+        at = mark.end()
+    return b"".join(kept) if depth else b"".join([*kept, line[at:]])
+
+
+def place_told(file: str, source: bytes, line: int, column: int) -> Place:
+    """The place where the compiler, which reads all of `source`, says line and column."""
+    return place_of(file, source, offset_of(source, Place(file, line, column)))
 
 
 def offset_of(source: bytes, place: Place) -> int:

@@ -204,7 +204,9 @@ def product(a: Value, b: Value) -> Value:
 
 
 def matrix_power(a: np.ndarray, exponent: int) -> np.ndarray:
-    """a^n of a square matrix, n >= 0. Shapes: a (n, n)."""
+    """a^n of a square matrix, n >= 0. Raises ShapeError for any other array. Shapes: a (n, n)."""
+    if a.ndim != 2 or a.shape[0] != a.shape[1]:
+        raise ShapeError(f"the power of an array of size {size_text(a.shape)}; .^ is element by element")
     n = a.shape[0]
     made: Value = from_flat((float(i == j) for i in range(n) for j in range(n)), (n, n))
     for _ in range(exponent):
