@@ -211,7 +211,7 @@ def _with_leaders(wanted: Sequence[Trial], used: Screen | None) -> tuple[tuple[T
     first ones that makes."""
     if used is None:
         return tuple(wanted), 1
-    leaders = [replace(trial, is_seen_in_use=True) for trial in trials(used, GATES.screen_level, MOST_IN_USE)]
+    leaders = [replace(trial, is_seen_in_use=True) for trial in trials(used, GATES.in_use_level, MOST_IN_USE)]
     marked = [
         replace(trial, is_seen_in_use=any(_is_same(one, trial.candidate) for one in leaders))
         for trial in wanted
