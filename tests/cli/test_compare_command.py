@@ -95,3 +95,11 @@ def test_a_start_of_daest_toml_is_none_of_another_model(models, daest):
     ]
     (models / "daest.toml").write_text(f'[model]\nsource = "Lag.mo"\n\n{start}')
     assert document(daest, "Lag.mo")[1]["models"][0]["verdict"] == "falsified"  # of its own it is
+
+
+def test_models_without_a_fit_are_driven_as_the_last_fit_was(models, daest):
+    """What inputs do between samples is none of the model: one that `daest improve` has written is compared
+    with the fitted one on the same terms."""
+    assert daest("identify", "Slow.mo", "--data", "run1.csv", "--hold", "zoh", "--fix", "T=0.8")[0] == 0
+    code, out, _ = daest("compare", "Lag.mo", "--data", "run2.csv", "--format", "json")
+    assert code == 0 and json.loads(out)["table"] == document(daest, "Lag.mo")[1]["table"]

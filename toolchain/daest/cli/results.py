@@ -25,6 +25,7 @@ from daest.estimation.fitted import with_fit_values
 from daest.files import why_no_file
 from daest.machine import version
 from daest.model.flat import FlatModel, Model
+from daest.model.holds import Hold, checked_hold
 
 KEPT_ELSEWHERE = "work in a copy of the project, in a folder that can be written"
 BY_MODEL = "fits"  # one fit per model, so that compare finds each one's
@@ -74,6 +75,17 @@ def find_fit(project: Project, source: Path, flat: Model) -> KeptFit | None:
                 if _is_of(document, folder.parent, source, flat.name):
                     return KeptFit(path, document, _remarks(document, source, flat, files[i:]))
     return None
+
+
+def last_hold(project: Project, names: Sequence[str]) -> Hold | None:
+    """The hold of the inputs `names` in the last fit of any model of the project; None where there is none,
+    or it is of other inputs. Raises ConfigError `results-unreadable` for a damaged file."""
+    path = project.results / LATEST
+    hold = read_document(path).get("hold") if path.is_file() else None
+    try:
+        return checked_hold(hold, names, str(path))
+    except ConfigError:
+        return None
 
 
 def _fit_files(results: Path, name: str) -> tuple[Path, Path]:
