@@ -8,6 +8,7 @@ from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import find_effect
 from daest.modelica.extend import extend_model
+from daest.modelica.place_units import units_at
 from daest.modelica.sites import find_site, sites
 
 OWN = """package Own "Connectors with names of their own"
@@ -102,3 +103,39 @@ end Rotor;
     made = extend_model(file, "Rotor", law, find_site(flat, "w", law), parameters={"d": -0.01, "J": 0.3})
     found = {p.name: (p.value, p.min) for p in made.flat.parameters}
     assert found["d"] == (-0.01, -0.01) and found["J"] == (0.3, 0.0)
+
+
+AIR = """package Air
+  connector Port Real p(unit = "Pa"); flow Real m(unit = "kg/s"); end Port;
+  model Vessel Port port; equation 5e-7*der(port.p) = port.m; end Vessel;
+  model Line Port a; Port b; equation a.m = 2e-8*(a.p - b.p); a.m + b.m = 0; end Line;
+  model Feed Port port; input Real m(unit = "kg/s"); equation port.m = -m; end Feed;
+  model Rig
+    input Real m(unit = "kg/s");
+    output Real y(unit = "Pa") = second.port.p;
+    Feed feed(m = m); Vessel first, second; Line line;
+  equation
+    connect(feed.port, first.port); connect(first.port, line.a); connect(line.b, second.port);
+  end Rig;
+end Air;
+"""
+
+
+@pytest.mark.parametrize(
+    ("effect", "place", "size", "unit"),
+    [
+        ("Hydraulic.Leak", "second.port", "G", "kg/(s.Pa)"),
+        ("Hydraulic.Orifice", "line.b", "k", "Pa.s2/kg2"),
+        ("Hydraulic.TurbulentLine", "line", "k", "kg/s"),
+    ],
+)
+def test_mass_flows_are_flows(tmp_path, effect, place, size, unit):
+    path = tmp_path / "Air.mo"
+    path.write_text(AIR)
+    flat, law = compile_model(path, "Air.Rig"), find_effect(effect)
+    site = find_site(flat, place, law)
+    assert units_at(flat, law, site)[size] == unit
+    values = {p.name: 1e-9 for p in law.sizes}
+    made = extend_model(path, "Air.Rig", law, site, values=values)
+    own, other = (finite_poles(m) for m in (made.flat, attach(flat, law, site, values=values)))
+    assert own == pytest.approx(other)

@@ -271,8 +271,8 @@ def _no_place(nodes: Sequence[Site]) -> EstimationError:
     if not nodes:
         return EstimationError(
             "diagnose-no-place",
-            "the model has neither connectors nor bare equations whose variables tell a physical domain by "
-            "their unit: there is no place where something could be missing",
+            "the model has neither connectors nor bare equations whose variables tell a physical domain that "
+            "the library knows by their unit: there is no place where something could be missing",
             remedy='declare units, as in Real w(unit = "rad/s"), or build the model from components',
         )
     return EstimationError(

@@ -11,7 +11,9 @@ from daest.model.parts import Variable
 from daest.modelica import syntax as s
 from daest.modelica.parameters import is_parameter, referenced_names
 
-# (potential, flow) -> domain, as in the Modelica Standard Library; hydraulic connectors carry a volume flow.
+MASS_FLOW = "kg/s"
+# (potential, flow) -> domain, as in the Modelica Standard Library; hydraulic connectors carry a volume flow,
+# or, by units, a mass flow.
 DOMAINS: dict[tuple[str, str], Domain] = {
     ("phi", "tau"): "rotational",
     ("s", "f"): "translational",
@@ -29,6 +31,7 @@ _UNITS: dict[tuple[str, str], Domain] = {
     ("K", "W"): "thermal",
     ("degC", "W"): "thermal",
     ("Pa", "m3/s"): "hydraulic",
+    ("Pa", MASS_FLOW): "hydraulic",
 }
 
 

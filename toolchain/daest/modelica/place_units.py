@@ -12,6 +12,7 @@ import numpy as np
 from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
 from daest.modelica.balances import LEVEL, Balance, balances
+from daest.modelica.connectors import MASS_FLOW, connectors_of
 from daest.quantities import dimensions
 
 _FLOWS: dict[Domain, str] = {
@@ -22,6 +23,7 @@ _FLOWS: dict[Domain, str] = {
     "electrical": "A",
 }
 _PRESSURE = re.compile(r"\bPa")  # in the unit of a parameter: the unit of a level, where that is the variable
+_VOLUME = re.compile(r"\bm[36]\b")  # in the unit of a parameter: a mass, where that flows
 _SIGNAL = "u"  # in the unit of a parameter: the unit of the signal
 _INVERSE = "1/u"
 _TOLERANCE = 1e-9  # relative, of numbers that rounding alone makes differ
@@ -50,11 +52,27 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
             return {p.name: p.unit if _is_made_of(p.unit, own) else "" for p in effect.parameters}
         if balance is not None and balance.is_level(flat):
             return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
+    if site.domain == "hydraulic" and _carries_mass(flat, site):
+        return {p.name: _VOLUME.sub(_as_mass, p.unit) for p in effect.parameters}
     if site.kind == "mesh" and site.domain == "hydraulic":
         row, name = site.name.split(":", 1)
         if is_of_heads(flat, int(row), [x.name for x in flat.unknowns].index(name)):
             return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
     return {p.name: p.unit for p in effect.parameters}
+
+
+def _carries_mass(flat: FlatModel, site: Site) -> bool:
+    """Whether what flows at connectors, or through a component, is a mass of gas or liquid."""
+    flows = {
+        flat.unknowns[one.flow].unit
+        for one in connectors_of(flat.unknowns).values()
+        if {one.name, one.component} & set(site.name.split(", "))
+    }
+    return flows == {MASS_FLOW}
+
+
+def _as_mass(volume: re.Match[str]) -> str:
+    return "kg2" if volume[0] == "m6" else "kg"
 
 
 def flow_unit(flat: FlatModel, site: Site) -> str:
