@@ -103,3 +103,8 @@ def test_models_without_a_fit_are_driven_as_the_last_fit_was(models, daest):
     assert daest("identify", "Slow.mo", "--data", "run1.csv", "--hold", "zoh", "--fix", "T=0.8")[0] == 0
     code, out, _ = daest("compare", "Lag.mo", "--data", "run2.csv", "--format", "json")
     assert code == 0 and json.loads(out)["table"] == document(daest, "Lag.mo")[1]["table"]
+    (models / "results" / "fit.json").unlink()
+    (models / "results" / "improve").mkdir()
+    (models / "results" / "improve" / "ledger.json").write_text('{"hold": "zoh"}')
+    code, out, _ = daest("compare", "Lag.mo", "--data", "run2.csv", "--format", "json")
+    assert code == 0 and json.loads(out)["table"] == document(daest, "Lag.mo")[1]["table"]

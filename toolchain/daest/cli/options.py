@@ -171,9 +171,9 @@ class DataOptions:
         )
 
     def chosen_hold(self, project: Project, flat: Model, fit: Mapping[str, Any] | None = None) -> Hold:
-        """The known hold, else that of the fit, else that of the last fit of another model of the same
-        machine, else straight lines: what inputs do between samples is none of the model. Raises as
-        `known_hold`."""
+        """The known hold, else that of the fit, else that of the last fit, or search for what is missing,
+        of another model of the same machine, else straight lines: what inputs do between samples is none of
+        the model. Raises as `known_hold`."""
         from daest.cli.results import last_hold
         from daest.model.holds import FOH, checked_hold
 

@@ -10,6 +10,7 @@ import json
 import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from daest.model.flat import FlatModel, Model
 from daest.model.holds import Hold, checked_hold
 
 KEPT_ELSEWHERE = "work in a copy of the project, in a folder that can be written"
+LEDGER = "improve/ledger.json"
 BY_MODEL = "fits"  # one fit per model, so that compare finds each one's
 
 
@@ -78,14 +80,15 @@ def find_fit(project: Project, source: Path, flat: Model) -> KeptFit | None:
 
 
 def last_hold(project: Project, names: Sequence[str]) -> Hold | None:
-    """The hold of the inputs `names` in the last fit of any model of the project; None where there is none,
-    or it is of other inputs. Raises ConfigError `results-unreadable` for a damaged file."""
-    path = project.results / LATEST
-    hold = read_document(path).get("hold") if path.is_file() else None
-    try:
-        return checked_hold(hold, names, str(path))
-    except ConfigError:
-        return None
+    """The hold of the inputs `names` in the last fit of any model of the project, or in the last search for
+    what it lacks; None where there is none, it is of other inputs, or its file is damaged."""
+    files = [path for name in (LATEST, LEDGER) if (path := project.results / name).is_file()]
+    for path in sorted(files, key=lambda path: -path.stat().st_mtime_ns):
+        with suppress(ConfigError):
+            hold = checked_hold(read_document(path).get("hold"), names, str(path))
+            if hold is not None:
+                return hold
+    return None
 
 
 def _fit_files(results: Path, name: str) -> tuple[Path, Path]:
