@@ -83,3 +83,28 @@ def test_unused_column_can_tell_where_the_error_is(models, daest):
     _, text, _ = daest("compare", "Lag.mo", "--data", "run2.csv", "--hold", "zoh", "--plot", "c.png")
     assert first["text"] in text and "Lag: falsified" in text
     assert (models / "c.png").stat().st_size > 10_000
+
+
+def test_a_start_of_daest_toml_is_none_of_another_model(models, daest):
+    """As those of `daest init` stand beside a model that `daest improve` has written with fitted values."""
+    start = "[parameters]\nT = { estimate = true, start = 0.8 }\n"
+    (models / "daest.toml").write_text(f'[model]\nsource = "Slow.mo"\n\n{start}')
+    assert [one["verdict"] for one in document(daest, "Slow.mo", "Lag.mo")[1]["models"]] == [
+        "falsified",
+        "not falsified",
+    ]
+    (models / "daest.toml").write_text(f'[model]\nsource = "Lag.mo"\n\n{start}')
+    assert document(daest, "Lag.mo")[1]["models"][0]["verdict"] == "falsified"  # of its own it is
+
+
+def test_models_without_a_fit_are_driven_as_the_last_fit_was(models, daest):
+    """What inputs do between samples is none of the model: one that `daest improve` has written is compared
+    with the fitted one on the same terms."""
+    assert daest("identify", "Slow.mo", "--data", "run1.csv", "--hold", "zoh", "--fix", "T=0.8")[0] == 0
+    code, out, _ = daest("compare", "Lag.mo", "--data", "run2.csv", "--format", "json")
+    assert code == 0 and json.loads(out)["table"] == document(daest, "Lag.mo")[1]["table"]
+    (models / "results" / "fit.json").unlink()
+    (models / "results" / "improve").mkdir()
+    (models / "results" / "improve" / "ledger.json").write_text('{"hold": "zoh"}')
+    code, out, _ = daest("compare", "Lag.mo", "--data", "run2.csv", "--format", "json")
+    assert code == 0 and json.loads(out)["table"] == document(daest, "Lag.mo")[1]["table"]

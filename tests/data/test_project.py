@@ -60,7 +60,7 @@ def test_everything_is_read(tmp_path):
     assert project.preparation.start == 1.0 and project.preparation.stop == 9.5
     assert project.preparation.period == 0.05 and project.preparation.detrend == "mean"
     assert project.hold == "foh"
-    assert project.parameters["spring.c"] == ParameterSetting(True, 0.04, 0.0, None, "log")
+    assert project.parameters["spring.c"] == ParameterSetting(True, 0.04, 0.0, None, "log", is_start=True)
     assert project.parameters["R"] == ParameterSetting(value=4.6)
     assert project.parameters["disc.J"] == ParameterSetting(estimate=False)
     assert project.process_noise["disc.flange_b.tau"].size == 1e-6

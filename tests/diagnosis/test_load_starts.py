@@ -81,3 +81,37 @@ def test_several_steps_tell_the_lag(tmp_path: Path) -> None:
     found = _diagnosed(tmp_path, _warmed(LAG, [2.0, 0.5, 3.0, 1.0, 2.5, 0.0], each=200))
     assert found.verdict != "nothing missing"
     assert "Lag" in found.message
+
+
+ROLL_OUT = """model RollOut
+  parameter Real m(unit = "kg") = 1520;
+  parameter Real f0(unit = "N", min = 0) = 150 annotation(__Daest(estimate = true));
+  parameter Real f1(unit = "N.s/m", min = 0) = 5 annotation(__Daest(estimate = true));
+  Real v(unit = "m/s", start = 30);
+  output Real speed(unit = "m/s") = v annotation(__Daest(std = 0.03));
+equation
+  m*der(v) = -f0 - f1*v;
+end RollOut;
+"""
+
+
+def _rolled(number: int, start: float) -> Experiment:
+    """A car that rolls out against 190 N + 4 N.s/m v + 0.39 N.s2/m2 v²: v is a tangent of the time."""
+    rng = np.random.default_rng(number)
+    time = np.cumsum(rng.uniform(0.14, 0.26, 420))
+    a, b, c = 0.39 / 1520, 4.0 / 1520, 190.0 / 1520
+    w = np.sqrt(4 * a * c - b * b)
+    angle = np.arctan((2 * a * start + b) / w) - w * (time - time[0]) / 2
+    v = (w * np.tan(angle) - b) / (2 * a)
+    outputs = (v + rng.normal(0.0, 0.028, time.size))[:, None]
+    return Experiment(f"run{number}", time, np.empty((time.size, 0)), outputs, (), ("speed",))
+
+
+def test_loads_whose_starts_are_certain_together_only_are_no_silence(tmp_path: Path) -> None:
+    """The drag of a car that rolls out without any input looks like a load that decays in every run; other
+    parameters make the start of each uncertain."""
+    (tmp_path / "RollOut.mo").write_text(ROLL_OUT)
+    runs = [_rolled(number, start) for number, start in enumerate((33.5, 31.0, 24.0, 34.0))]
+    effects = [effect for effect in effect_library() if effect.name in ("Drift", "Offset")]
+    found = diagnose(compile_model(tmp_path / "RollOut.mo"), effects, runs)
+    assert found.verdict != "nothing missing"

@@ -13,6 +13,7 @@ from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model, compile_text
 from daest.modelica.effects import find_effect
 from daest.modelica.extend import extend_model
+from daest.modelica.place_units import units_at
 from daest.modelica.sites import fits, sites
 from daest.systems.simulate import simulate
 
@@ -173,3 +174,51 @@ def test_orifice_is_put_in_series_in_a_pipe(tmp_path):
     assert simulate(compile_model(base, "Pipe"), drive).outputs[-1, 0] == pytest.approx(
         flowing(0.0), rel=2e-5
     )
+
+
+TUNNEL = """model Tunnel "Head in meters; the gravity has no unit where it stands"
+  constant Real g = 9.80665;
+  parameter Real A(unit = "m2") = 10;
+  parameter Real R(unit = "s/m2") = 0.1;
+  input Real z(unit = "m");
+  output Real y(unit = "m3/s") = Q;
+  Real Q(unit = "m3/s", start = 0, fixed = true);
+  Real h(unit = "m", start = 0, fixed = true);
+equation
+  2400/(g*A)*der(Q) = z - h - R*Q;
+  60*der(h) = Q;
+end Tunnel;
+"""
+
+
+def test_orifice_is_put_in_series_in_a_sum_of_heads(tmp_path):
+    path = tmp_path / "Tunnel.mo"
+    path.write_text(TUNNEL)
+    flat, effect = compile_model(path), find_effect("Hydraulic.Orifice")
+    (site,) = [s for s in sites(flat) if s.kind == "mesh"]
+    assert (site.name, site.domain) == ("0:Q", "hydraulic")
+    assert units_at(flat, effect, site)["k"] == "m.s2/m6"
+
+    def rate(_, state):
+        Q, h = state
+        return [(8.0 - h - 0.1 * Q - 0.02 * Q * abs(Q)) * 9.80665 * 10 / 2400, Q / 60]
+
+    flowing = solve_ivp(rate, (0.0, 90.0), [0.0, 0.0], method="LSODA", rtol=1e-9, atol=1e-12).y[0, -1]
+    drive = (np.linspace(0.0, 90.0, 901), np.full((901, 1), 8.0))
+    values = {"k": 0.02, "q_s": 1e-4}
+    for model in (
+        attach(flat, effect, site, values=values),
+        extend_model(path, None, effect, site, values=values).flat,
+    ):
+        assert simulate(model, drive).outputs[-1, 0] == pytest.approx(flowing, rel=2e-5)
+
+
+def test_a_density_without_unit_hides_no_pipe(tmp_path):
+    """The unit of the loss tells what that of `1000*L/A` does not."""
+    path = tmp_path / "Pipe.mo"
+    text = TUNNEL.replace('unit = "s/m2") = 0.1', 'unit = "Pa.s/m3") = 980')
+    own, row = "2400/(g*A)*der(Q) = z - h - R*Q", "1000*240*der(Q) = 9806.65*(z - h) - R*Q"
+    path.write_text(text.replace(own, row))
+    (site,) = [s for s in sites(compile_model(path)) if s.kind == "mesh"]
+    assert (site.name, site.domain) == ("0:Q", "hydraulic")
+    assert units_at(compile_model(path), find_effect("Hydraulic.Orifice"), site)["k"] == "Pa.s2/m6"

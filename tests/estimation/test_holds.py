@@ -12,7 +12,7 @@ from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import ConfigError, ModelError
 from daest.estimation.filter import run_filter
-from daest.estimation.hold_search import moving_inputs, ranked_holds
+from daest.estimation.hold_search import are_steps, moving_inputs, ranked_holds
 from daest.estimation.identify import identify
 from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
@@ -215,3 +215,40 @@ def test_smooth_inputs_are_asked_for_where_straight_lines_lead(values, asked, be
 def test_smooth_inputs_of_a_search_that_has_them_are_compared():
     values = {"foh": 1.0, "zoh": 0.0, "smooth": 5.0}
     assert ranked_holds((), values.__getitem__, ("smooth", "foh", "zoh")) == ["smooth", "foh", "zoh"]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_recorded_steps_are_held_unless_straight_lines_fit_better(tmp_path, seed):
+    """A resistance before a capacitor takes half a sample: R + T/(2 C) with held currents fits as R does with
+    straight lines, and only the steps of the record tell which it is."""
+    text = """model Cell
+  parameter Real C(unit = "F") = 130 annotation(__Daest(estimate = true));
+  parameter Real R(unit = "Ohm") = 0.006 annotation(__Daest(estimate = true));
+  input Real i(unit = "A");
+  output Real v(unit = "V") annotation(__Daest(std = 0.002));
+  Real x(unit = "V", start = 1);
+equation
+  C*der(x) = i;
+  v = x + R*i;
+end Cell;
+"""
+    rng = np.random.default_rng(seed)
+    time = 0.5 * np.arange(1200)
+    i = np.repeat(rng.uniform(-10, 10, 50), 24)
+    x = 1 + np.concatenate([[0.0], np.cumsum(i)[:-1]]) * 0.5 / 150
+    v = x + 0.009 * i + 0.002 * rng.standard_normal(1200)
+    data = Experiment("steps", time, i[:, None], v[:, None], ("i",), ("v",))
+    fit = identify(compile_text(text.encode(), tmp_path / "Cell.mo"), [data])
+    (R,) = (p for p in fit.parameters if p.name == "R")
+    assert fit.hold == "zoh" and abs(R.value - 0.009) < 4 * R.std_error
+
+
+def test_steps_are_told_from_courses():
+    time = np.arange(40.0)
+    courses = np.column_stack([np.repeat(np.arange(10.0), 4), np.sin(time)])
+    data = Experiment("r", time, courses, time[:, None], ("s", "m"), ("y",))
+    assert are_steps([data], ("s",)) and not are_steps([data], ("s", "m")) and not are_steps([data], ())
+    values = {"foh": 1.0, "zoh": 0.0}
+    assert ranked_holds(("s",), values.get) == ["foh", "zoh"]
+    assert ranked_holds(("s",), values.get, in_steps=True) == ["zoh", "foh"]
+    assert ranked_holds(("s",), {"foh": 50.0, "zoh": 0.0}.get, in_steps=True)[0] == "foh"

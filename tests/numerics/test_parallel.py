@@ -312,3 +312,26 @@ def test_without_processes_tasks_begin_when_they_are_asked_for(tmp_path):
         pool.begin(called, tasks)
         assert not (tmp_path / "a").exists()
         assert [outcome.error for outcome in pool.map(called, tasks)] == [None]
+
+
+class _TwoPartsError(Exception):
+    """As exceptions are that carry more than a text: pickle cannot make it again."""
+
+    def __init__(self, one, other):
+        super().__init__(one)
+        self.other = other
+
+
+def _fails():
+    raise DaestError("worker-lost", "in the middle of something else")
+
+
+def test_what_is_handled_meanwhile_does_not_travel_with_an_error():
+    """A search is repeated while the exception is handled that asked for it; copies of the process begin
+    there."""
+    pytest.importorskip("tblib.pickling_support").install()
+    try:
+        raise _TwoPartsError(1, 2)
+    except _TwoPartsError:
+        outcome = unpacked(parallel.run_packed(packed(called), packed(_fails)))
+    assert outcome.error.code == "worker-lost" and outcome.error.__context__ is None

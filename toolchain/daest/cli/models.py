@@ -63,7 +63,7 @@ def load_model(
     own = _is_own(project, source)
     flat = _load(source, chosen_class(project, source, class_name), [*libraries, *project.libraries])
     _warn_of_units(flat)
-    flat = configured(flat, project, strict=own)
+    flat = configured(flat, project, strict=own, is_another=project.source is not None and not own)
     return with_settings(flat, settings or {})
 
 
@@ -93,15 +93,20 @@ def _warn_of_units(flat: Model) -> None:
         warn("unit-contradiction", sentence(found))
 
 
-def configured(flat: Model, project: Project, *, strict: bool) -> Model:
+def configured(flat: Model, project: Project, *, strict: bool, is_another: bool = False) -> Model:
     """The model with [data] outputs, [parameters] and [noise] of daest.toml.
 
-    If `strict`, all unknown names are reported in one ConfigError; otherwise they are ignored.
+    If `strict`, all unknown names are reported in one ConfigError; otherwise they are ignored. Where it
+    `is_another` model than that of daest.toml, its own values stay where starts are told: an extended model
+    has fitted ones.
     """
     file = str(project.file)
     problems: list[DaestError] = []
     flat = _with_declared(flat, project, problems)
-    flat = _with_parameters(flat, project.parameters, file, problems)
+    settings = project.parameters
+    if is_another:
+        settings = {name: replace(s, value=None) if s.is_start else s for name, s in settings.items()}
+    flat = _with_parameters(flat, settings, file, problems)
     if strict:
         raise_collected(problems, file)
     return flat

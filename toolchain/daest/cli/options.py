@@ -171,11 +171,14 @@ class DataOptions:
         )
 
     def chosen_hold(self, project: Project, flat: Model, fit: Mapping[str, Any] | None = None) -> Hold:
-        """The known hold, else that of the fit, else straight lines. Raises as `known_hold`."""
+        """The known hold, else that of the fit, else that of the last fit, or search for what is missing,
+        of another model of the same machine, else straight lines: what inputs do between samples is none of
+        the model. Raises as `known_hold`."""
+        from daest.cli.results import last_hold
         from daest.model.holds import FOH, checked_hold
 
-        kept = None if fit is None else fit.get("hold")
         names = flat.input_names
+        kept = last_hold(project, names) if fit is None else fit.get("hold")
         return self.known_hold(project, flat) or checked_hold(kept, names, "the fit") or FOH
 
     def known_hold(self, project: Project, flat: Model) -> Hold | None:

@@ -10,6 +10,7 @@ import json
 import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,10 @@ from daest.estimation.fitted import with_fit_values
 from daest.files import why_no_file
 from daest.machine import version
 from daest.model.flat import FlatModel, Model
+from daest.model.holds import Hold, checked_hold
 
 KEPT_ELSEWHERE = "work in a copy of the project, in a folder that can be written"
+LEDGER = "improve/ledger.json"
 BY_MODEL = "fits"  # one fit per model, so that compare finds each one's
 
 
@@ -73,6 +76,18 @@ def find_fit(project: Project, source: Path, flat: Model) -> KeptFit | None:
                 document = read_document(path)
                 if _is_of(document, folder.parent, source, flat.name):
                     return KeptFit(path, document, _remarks(document, source, flat, files[i:]))
+    return None
+
+
+def last_hold(project: Project, names: Sequence[str]) -> Hold | None:
+    """The hold of the inputs `names` in the last fit of any model of the project, or in the last search for
+    what it lacks; None where there is none, it is of other inputs, or its file is damaged."""
+    files = [path for name in (LATEST, LEDGER) if (path := project.results / name).is_file()]
+    for path in sorted(files, key=lambda path: -path.stat().st_mtime_ns):
+        with suppress(ConfigError):
+            hold = checked_hold(read_document(path).get("hold"), names, str(path))
+            if hold is not None:
+                return hold
     return None
 
 

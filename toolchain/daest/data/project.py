@@ -69,7 +69,8 @@ KEYS: dict[str, dict[str, str]] = {
 @dataclass(frozen=True)
 class ParameterSetting:
     """The settings of one parameter in daest.toml. None: the model decides. `value` is the start value of an
-    estimated parameter and the value of any other, in the unit of the model."""
+    estimated parameter and the value of any other, in the unit of the model; `is_start`: it was given
+    as where a search begins."""
 
     estimate: bool | None = None
     value: float | None = None
@@ -77,6 +78,7 @@ class ParameterSetting:
     max: float | None = None
     scale: Scale | None = None
     prior: Prior | None = None
+    is_start: bool = False
 
 
 @dataclass(frozen=True)
@@ -243,6 +245,7 @@ class _Reader:
             max=self._number(entry, place, "max"),
             scale=self._choice(entry, place, "scale", ("auto", "linear", "log")),
             prior=self._prior(entry, place, name),
+            is_start=start is not None,
         )
         self._check_bounds(name, place, setting)
         return setting

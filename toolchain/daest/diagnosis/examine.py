@@ -88,7 +88,9 @@ def _examined(
     load = smoothed_load(null, run, gains)
     forms = beside[0].free_forms() if beside else free_forms(null, run)
     form = next(iter(forms), None)
-    loads = verdicts.Loads(stand.declared, null, run, gains, form, starts=from_nowhere(null))
+    bought = null.fit.log_likelihood - stand.told.log_likelihood
+    starts = from_nowhere(null, bought - sum(one.log_likelihood_gain for one in gains))
+    loads = verdicts.Loads(stand.declared, null, run, gains, form, starts=starts)
     course = Course(
         stand, loads, load, (found, used), candidates, chosen_library, options, progress, watched, pool,
         beside[0].simulated if beside else None,

@@ -29,10 +29,11 @@ class LoadStart:
     value: float
 
 
-def from_nowhere(null: Null) -> tuple[LoadStart, ...]:
+def from_nowhere(null: Null, bought: float = 0.0) -> tuple[LoadStart, ...]:
     """The starts of loads that are farther from zero than the size of the load makes likely, in a way that
-    the outputs show; of each load the farthest."""
-    far = [start for load in null.loads if (start := _farthest(null, load)) is not None]
+    the outputs show; of each load the farthest. `bought` is the log-likelihood that the loads buy beyond what
+    their noises do: where it is much, the starts are certain together, if none of them is alone."""
+    far = [start for load in null.loads if (start := _farthest(null, load, bought)) is not None]
     if not far:
         return ()
     model = integrator(null.explicit)
@@ -45,9 +46,11 @@ def takes_over(start: LoadStart, proof: Proof) -> bool:
     return proof.candidate.is_dynamic and abs(value) < GATES.max_kept_start * abs(start.value)
 
 
-def _farthest(null: Null, load: Load) -> LoadStart | None:
+def _farthest(null: Null, load: Load, bought: float) -> LoadStart | None:
     """The most certain of the starts of a load; None where chance explains it."""
     told = [_told_start(null.fit, load.name, number) for number in range(len(null.experiments))]
+    if bought > GATES.max_load_start**2 / 2.0:  # as a single start of so many standard errors buys
+        told = [(value, 0.0 if np.isfinite(error) else error) for value, error in told]
     sure = [abs(value) / max(load.size, error, np.finfo(float).tiny) for value, error in told]
     number = int(np.argmax(sure))
     return LoadStart(load, number, told[number][0]) if sure[number] > GATES.max_load_start else None

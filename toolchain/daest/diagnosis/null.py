@@ -14,7 +14,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import LoadPlace, load_places, with_loads
 from daest.errors import EstimationError
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
-from daest.estimation.hold_search import moving_inputs, possible_holds, ranked_holds
+from daest.estimation.hold_search import are_steps, moving_inputs, possible_holds, ranked_holds
 from daest.estimation.identify import identify
 from daest.estimation.identify_nonlinear import Refit, WarmStart, search_on
 from daest.model.diagnosis import Load
@@ -142,7 +142,8 @@ def fit_null(
         fits[one] = _loaded_fit(loaded, times, *driving, slowest, is_affine, begun)
         return fits[one].log_likelihood
 
-    best, *others = ranked_holds(names if len(asked) > 1 else (), likelihood, asked)
+    turned = names if len(asked) > 1 else ()
+    best, *others = ranked_holds(turned, likelihood, asked, are_steps(held or experiments, names))
     # Straight lines and smooth curves hardly differ: held inputs are the other answer to either of them.
     others = [hold for hold in others if {best, hold} != {FOH, SMOOTH}] or others
     null = _at_estimate(loaded, fits[best], places, as_recorded(experiments, held, best))
@@ -284,8 +285,8 @@ def _no_place(nodes: Sequence[Site]) -> EstimationError:
     if not nodes:
         return EstimationError(
             "diagnose-no-place",
-            "the model has neither connectors nor bare equations whose variables tell a physical domain by "
-            "their unit: there is no place where something could be missing",
+            "the model has neither connectors nor bare equations whose variables tell a physical domain that "
+            "the library knows by their unit: there is no place where something could be missing",
             remedy='declare units, as in Real w(unit = "rad/s"), or build the model from components',
         )
     return EstimationError(

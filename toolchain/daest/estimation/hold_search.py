@@ -4,7 +4,8 @@ All inputs alike come first. Then one after the other is taken the other way, si
 may stand beside a temperature that runs straight; that some differ from others must gain more. Smooth curves
 are tried where the recorded values themselves lie on such: where splines through every other sample foretell
 the samples between them better than straight lines do, and where straight lines are likelier than held
-values, which are half a sample away from both.
+values, which are half a sample away from both. Recorded steps are held unless straight lines fit better: a
+parameter may stand for half a sample, as the resistance before a capacitor, and no likelihood tells the two.
 """
 
 from __future__ import annotations
@@ -23,16 +24,21 @@ MOST_TURNED = 6  # inputs that are taken the other way one after the other: each
 
 
 def ranked_holds(
-    names: Sequence[str], likelihood: Callable[[Hold], float | None], first: Sequence[Hold] = HOLDS
+    names: Sequence[str],
+    likelihood: Callable[[Hold], float | None],
+    first: Sequence[Hold] = HOLDS,
+    in_steps: bool = False,
 ) -> list[Hold]:
     """The holds that were tried, likeliest first; those without a `likelihood` (None) are left out. `names`
-    are inputs that may differ from the others. Smooth curves are asked for where straight lines lead."""
+    are inputs that may differ from the others. Smooth curves are asked for where straight lines lead. Inputs
+    that were recorded `in_steps` are held unless another hold fits clearly better."""
     values: dict[Hold, float] = {}
 
     def ask(hold: Hold) -> None:
         found = None if hold in values else likelihood(hold)
         if found is not None:
             values[hold] = found - (0.0 if hold in ALIKE else FIT.min_mixed_hold_gain)
+            values[hold] += FIT.min_ramp_gain if in_steps and hold == ZOH else 0.0
 
     def best() -> Hold | None:
         return max(values, key=values.__getitem__, default=None)
@@ -99,6 +105,15 @@ def is_smooth(time: np.ndarray, course: np.ndarray) -> bool:
     )
     curve, line = (np.sum((course[asked] - foretold) ** 2) for foretold in (by_curve, by_line))
     return bool(curve <= FIT.max_smooth_error**2 * line)
+
+
+def are_steps(experiments: Sequence[Experiment], names: Sequence[str]) -> bool:
+    """Whether the inputs `names`, all of which move, stand still from most samples to the next: somebody set
+    them. Those that were made for straight lines when the recordings were resampled are none."""
+    if not names or any(is_resampled(experiment) for experiment in experiments):
+        return False
+    courses = (experiment.input(name) for experiment in experiments for name in names)
+    return all(float(np.median(np.abs(np.diff(course)))) == 0.0 for course in courses)
 
 
 def _roughness(course: np.ndarray) -> float:

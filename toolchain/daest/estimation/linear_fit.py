@@ -18,7 +18,7 @@ import numpy as np
 from daest.estimation.arx import matched_start
 from daest.estimation.coordinates import Coordinate, Unknowns, objective, prior_precisions, rescaled
 from daest.estimation.gates import FIT
-from daest.estimation.hold_search import moving_inputs, possible_holds, ranked_holds
+from daest.estimation.hold_search import are_steps, moving_inputs, possible_holds, ranked_holds
 from daest.estimation.identifiability import (
     Scores,
     Uncertainty,
@@ -174,7 +174,7 @@ def _chosen_hold(problem: Problem, experiments: Sequence[Experiment], given: Hol
         best = found or best
         return None if found is None else -found.evaluation.value
 
-    ranked = ranked_holds(names, likelihood, asked)
+    ranked = ranked_holds(names, likelihood, asked, are_steps(experiments, names))
     return ranked[0] if ranked else FOH
 
 

@@ -11,7 +11,7 @@ from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns, objective, parameter_scale
 from daest.estimation.gain_family import LONGEST_LOG
 from daest.estimation.gates import FIT
-from daest.estimation.hold_search import moving_inputs, possible_holds, ranked_holds
+from daest.estimation.hold_search import are_steps, moving_inputs, possible_holds, ranked_holds
 from daest.estimation.records import n_observed, part_of
 from daest.estimation.search import Evaluation, Found, minimise
 from daest.estimation.setup import check_start, no_start
@@ -191,7 +191,8 @@ def with_hold(
     if len(asked) < 2:
         return problem, z
     ends: dict[Hold, Found] = {}
-    ranked = ranked_holds(names, _short_fits(problem, z, ends), asked)
+    in_steps = are_steps(problem.experiments, names)
+    ranked = ranked_holds(names, _short_fits(problem, z, ends), asked, in_steps)
     return (replace(problem, hold=ranked[0]), ends[ranked[0]].z) if ranked else (problem, z)
 
 
@@ -243,7 +244,8 @@ def with_other_hold(
         return None
     ends = {problem.hold: found}
     first = tuple(dict.fromkeys([problem.hold, *asked]))
-    best = ranked_holds(names, _short_fits(problem, found.z, ends), first)[0]
+    in_steps = are_steps(problem.experiments, names)
+    best = ranked_holds(names, _short_fits(problem, found.z, ends), first, in_steps)[0]
     return None if best == problem.hold else (best, ends[best].z)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.modelica.balances import own_laws, slopes_near_start
-from daest.modelica.place_units import slope_has_unit
+from daest.modelica.place_units import has_drop, is_of_heads
 from daest.modelica.terminals import CURRENT, VOLTAGE
 from daest.quantities import is_of
 
@@ -27,7 +27,7 @@ class Mesh:
     """Row `row` with the current that is unknown `variable`. `sign` is the factor with which a voltage
     against the current enters the residual where the terms are voltages. Where they are currents or rates,
     the voltage is taken off the `source`, a voltage of the row: its name and its symbol. In the hydraulic
-    domain read pressure and flow for voltage and current."""
+    domain read pressure, or head, and flow for voltage and current."""
 
     domain: Domain
     row: int
@@ -68,8 +68,9 @@ def _mesh(flat: FlatModel, slopes: np.ndarray, row: int, domain: Domain, current
         return None
     sign = float(np.sign(slopes[row, at]))
     voltage, unit = UNITS[domain]
-    drop = f"({voltage})/({unit})" if at == current else f"({voltage}).s/({unit})"
-    if slope_has_unit(flat, row, at, drop):
+    if has_drop(flat, row, current, voltage, unit) or (
+        domain == "hydraulic" and is_of_heads(flat, row, current)
+    ):
         return Mesh(domain, row, current, sign)
     others = np.delete(slopes[row], at)
     rates, source = others[flat.n - (at < flat.n) :], _source(flat, row, voltage)

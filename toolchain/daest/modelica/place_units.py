@@ -54,6 +54,10 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
             return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
     if site.connectors and _carries_mass(flat, site):
         return {p.name: _of_mass(p.unit) for p in effect.parameters}
+    if site.kind == "mesh" and site.domain == "hydraulic":
+        row, name = site.name.split(":", 1)
+        if is_of_heads(flat, int(row), [x.name for x in flat.unknowns].index(name)):
+            return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
     return {p.name: p.unit for p in effect.parameters}
 
 
@@ -112,12 +116,21 @@ def balances_flows(flat: FlatModel, balance: Balance) -> bool:
     return _slope_has(flat, balance.row, balance.rate, need)
 
 
-def slope_has_unit(flat: FlatModel, row: int, at: int, unit: str) -> bool:
-    """Whether the slope of the equation over what stands `at` this index among the unknowns and, behind them,
-    their derivatives has that unit, as the units of the variables and parameters in it tell."""
-    need = dimensions(unit)
-    assert need is not None
-    return _slope_has(flat, row, at, need)
+def has_drop(flat: FlatModel, row: int, flow: int, drop: str, unit: str) -> bool:
+    """Whether an equation is a sum of terms of the unit `drop` along a path of the unknown `flow` of that
+    `unit`, as the units of the variables and parameters before the flow, or before its rate, tell: of one of
+    them, since a number that stands for a density hides the unit of the other."""
+    for at, over in ((flat.n + flow, f"({drop}).s/({unit})"), (flow, f"({drop})/({unit})")):
+        need = dimensions(over)
+        assert need is not None
+        if _slope(flat, row, at)({}) and _slope_has(flat, row, at, need):
+            return True
+    return False
+
+
+def is_of_heads(flat: FlatModel, row: int, flow: int) -> bool:
+    """Whether the equation is a sum of heads, in meters of the liquid, along a path of the unknown `flow`."""
+    return has_drop(flat, row, flow, LEVEL, _FLOWS["hydraulic"])
 
 
 def _slope_has(flat: FlatModel, row: int, at: int, need: Mapping[str, float]) -> bool:

@@ -186,6 +186,14 @@ def outcome_of(work: Callable[[Task], Result], task: Task) -> Outcome[Result]:
         return Outcome(error=error)
 
 
+def _alone(outcome: Outcome[Result]) -> Outcome[Result]:
+    """The outcome, its error without what was being handled when it was raised: where Dask is installed that
+    would travel, too, and need not be an exception that can."""
+    if outcome.error is not None:
+        outcome.error.__cause__ = outcome.error.__context__ = outcome.error.__traceback__ = None
+    return outcome
+
+
 def called(task: Callable[[], Any]) -> Any:
     """The work of tasks that are functions without arguments."""
     return task()
@@ -199,7 +207,7 @@ def run_packed(work: bytes, blob: bytes, expected: Versions | None = None) -> by
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # nobody would know where they come from
-            return packed(outcome_of(_known_work(work), unpacked(blob)))
+            return packed(_alone(outcome_of(_known_work(work), unpacked(blob))))
     except DaestError as error:
         return packed(Outcome(error=error))
 

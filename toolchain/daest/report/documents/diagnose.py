@@ -20,6 +20,7 @@ from daest.model.diagnosis import (
     Unproved,
     VerdictName,
 )
+from daest.model.holds import Hold
 from daest.report.documents.parts import (
     ByOutput,
     ByPart,
@@ -216,6 +217,7 @@ class ImproveDocument(Ledger):
     unknown_effect: NotRequired[
         Annotated[str | None, "file of the model with the load that no effect explains"]
     ]
+    hold: NotRequired[Annotated[Hold | None, "what the inputs do between the samples of the recordings"]]
 
 
 def document(
