@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.console import RenderableType
@@ -23,6 +23,7 @@ def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield _ledger(document)
     for i, step in enumerate(document["steps"]):
         yield from _remarks(i, step)
+    yield from _in_the_end(document["steps"])
     yield from diagnose.remark(document["final"])
     if document["folder"]:
         yield indented(f"models, ledger.json and staircase.png are in {document['folder']}")
@@ -56,10 +57,24 @@ def _remarks(i: int, step: Mapping[str, Any]) -> Iterator[RenderableType]:
     """Size of the effect that was added, and what else is to be said of the step."""
     if step["added"] is None:
         return
-    own = {n: p for n, p in step["parameters"].items() if n.startswith(f"{step['component']}.")}
-    sizes = ", ".join(diagnose.size(n.partition(".")[2], p) for n, p in own.items())
+    sizes = _sizes(step, step)
     alike = diagnose.grouped(step["equivalent_places"])
     seen = f"; the sensors see it alike at {alike}" if alike else ""
     file = step["model"] or f"not written: {step['model_reason']}"
     told = f"{sizes}; {step['remark']}" if sizes else step["remark"]
     yield indented(f"step {i}: {told}{seen}; {file}")
+
+
+def _in_the_end(steps: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
+    """The sizes of the earlier effects beside the later ones."""
+    effects = [step for step in steps if step["added"]]
+    told = (f"{step['added']} at {step['at']}: {_sizes(step, steps[-1])}" for step in effects[:-1])
+    kept = [one for one in told if not one.endswith(": ")]
+    if kept:
+        yield indented(f"in the last model: {'; '.join(kept)}")
+
+
+def _sizes(step: Mapping[str, Any], model: Mapping[str, Any]) -> str:
+    """The parameters of the effect that a step has added, as the `model` of a step has them."""
+    own = {n: p for n, p in model["parameters"].items() if n.startswith(f"{step['component']}.")}
+    return ", ".join(diagnose.size(n.partition(".")[2], p) for n, p in own.items())
