@@ -98,7 +98,7 @@ end RollOut;
 def _rolled(number: int, start: float) -> Experiment:
     """A car that rolls out against 190 N + 4 N.s/m v + 0.39 N.s2/m2 v²: v is a tangent of the time."""
     rng = np.random.default_rng(number)
-    time = np.cumsum(rng.uniform(0.14, 0.26, 420))
+    time = 0.2 * np.arange(420.0)
     a, b, c = 0.39 / 1520, 4.0 / 1520, 190.0 / 1520
     w = np.sqrt(4 * a * c - b * b)
     angle = np.arctan((2 * a * start + b) / w) - w * (time - time[0]) / 2
@@ -115,3 +115,14 @@ def test_loads_whose_starts_are_certain_together_only_are_no_silence(tmp_path: P
     effects = [effect for effect in effect_library() if effect.name in ("Drift", "Offset")]
     found = diagnose(compile_model(tmp_path / "RollOut.mo"), effects, runs)
     assert found.verdict != "nothing missing"
+
+
+def test_law_takes_the_place_of_loads_that_begin_with_the_recordings(tmp_path: Path) -> None:
+    (tmp_path / "RollOut.mo").write_text(ROLL_OUT)
+    runs = [_rolled(number, start) for number, start in enumerate((33.5, 31.0, 24.0, 34.0))]
+    effects = [effect for effect in effect_library() if effect.name in ("QuadraticDrag", "Offset")]
+    found = diagnose(compile_model(tmp_path / "RollOut.mo"), effects, runs)
+    law, fit = found.proofs[0].candidate, found.proofs[0].told
+    assert found.verdict == "supported" and law.effect.name == "QuadraticDrag"
+    drag = next(p for p in fit.parameters if p.name == f"{law.name}.k")
+    assert drag.std_error is not None and abs(drag.value - 0.39) < 3 * drag.std_error < 0.1

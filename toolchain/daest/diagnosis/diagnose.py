@@ -27,7 +27,8 @@ from daest.diagnosis.holds import (
     says_more,
     unsettled_hold,
 )
-from daest.diagnosis.null import known_values
+from daest.diagnosis.load_starts import QUICK, says_as_much_as_starts
+from daest.diagnosis.null import known_values, without_memory
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.rounds import accept
 from daest.diagnosis.stand import Stand, begin, halved, limited, told_whole, without_noises
@@ -70,11 +71,13 @@ def diagnose(
     stand, limits = limited(asis, library, options)
     holds = Holds(stand, options)
 
-    def held(hold: Hold) -> tuple[Sequence[Proof], Diagnosis]:
-        again = replace(options, tried=hold, near=known_values(asis.null.fit))
-        there, its_limits = limited(begin(flat, experiments, validation, again, progress), library, again)
-        second = examine(there, library, again, progress)
+    def again(other: DiagnoseOptions) -> tuple[Sequence[Proof], Diagnosis]:
+        there, its_limits = limited(begin(flat, experiments, validation, other, progress), library, other)
+        second = examine(there, library, other, progress)
         return second.proofs, told_whole(second, there, its_limits)
+
+    def held(hold: Hold) -> tuple[Sequence[Proof], Diagnosis]:
+        return again(replace(options, tried=hold, near=known_values(asis.null.fit)))
 
     try:
         found = examine(stand, library, options, progress, holds.watched)
@@ -85,6 +88,12 @@ def diagnose(
             return replace(told, seconds=time.perf_counter() - stand.began)
         found = examine(stand, library, options, progress)
         return told_whole(found, stand, limits)
+    if found.is_of_starts and options.slowest_load is None and not options.is_over:
+        progress(QUICK)
+        limit = without_memory(stand.null.experiments)
+        proofs, told = again(replace(options, slowest_load=limit, near=known_values(asis.null.fit)))
+        if says_as_much_as_starts(stand.null, proofs):
+            return replace(told, seconds=found.seconds + told.seconds)
     beside = _behind_a_lag(stand, found, library, options, progress)
     if beside is not None:
         return told_whole(beside, stand, limits)

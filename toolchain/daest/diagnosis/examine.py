@@ -130,6 +130,7 @@ def _examined(
         is_held=not null.estimated,
         is_whole=is_whole,
         is_by_colour=decided.is_by_colour,
+        is_of_starts=decided.is_of_starts,
     )
 
 

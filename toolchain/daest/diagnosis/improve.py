@@ -19,7 +19,8 @@ from daest.diagnosis.examine import examine
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.held_back import lag_instead, lags_in_the_way, told_beside
 from daest.diagnosis.holds import AGAIN, BACK, IN_VAIN, better_hold, says_as_much, says_more, unsettled_hold
-from daest.diagnosis.null import known_values
+from daest.diagnosis.load_starts import QUICK, says_as_much_as_starts
+from daest.diagnosis.null import known_values, without_memory
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.rounds import accept, gains_beside, proved_again, proved_beside, with_kinks
 from daest.diagnosis.screen import promising_pairs
@@ -127,6 +128,13 @@ def improve(
         again = replace(options, tried=stand.null.hold, near=near)
         return improve(flat, library, experiments, validation, again, most_effects, progress)
     nothing = _told(found)
+    is_of_starts = nothing.last.is_of_starts and len(found.steps) == len(steps)
+    if is_of_starts and options.slowest_load is None and not options.is_over:
+        progress(QUICK)
+        again = replace(options, slowest_load=without_memory(stand.null.experiments), near=near)
+        quick = improve(flat, library, experiments, validation, again, most_effects, progress)
+        if says_as_much_as_starts(stand.null, _last_added(quick)):
+            return quick
     if len(found.steps) > len(steps) or options.hold or options.tried or options.is_over:
         return nothing
     hold = better_hold(stand, nothing.last.proofs) or unsettled_hold(stand, nothing.last)

@@ -6,18 +6,22 @@ what a machine lacks from what it was left with."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
+from daest.diagnosis.ranking import best_accepted
+from daest.estimation.records import n_observed
 from daest.model.diagnosis import Load, Proof
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult
 from daest.systems.integrate import Integrator, integrate, integrator
 from daest.systems.integration import IntegrationError
+
+QUICK = "loads begin with the recording: once more with loads without memory"
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,17 @@ def takes_over(start: LoadStart, proof: Proof) -> bool:
     """Whether the candidate, which keeps a state of its own, does what the start of the load did."""
     value, _ = _told_start(proof.fit, start.load.name, start.experiment)
     return proof.candidate.is_dynamic and abs(value) < GATES.max_kept_start * abs(start.value)
+
+
+def says_as_much_as_starts(null: Null, proofs: Sequence[Proof]) -> bool:
+    """Whether an accepted candidate, beside loads without memory, makes the recordings as likely as the loads
+    of `null` do, whose starts are free in every recording."""
+    best = best_accepted(proofs)
+    if best is None:
+        return False
+    n_starts = len(null.loads) * len(null.experiments)
+    worth = 0.5 * n_starts * float(np.log(n_observed(null.experiments)))
+    return best.fit.log_likelihood > null.fit.log_likelihood - worth
 
 
 def _farthest(null: Null, load: Load, bought: float) -> LoadStart | None:

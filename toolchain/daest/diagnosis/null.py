@@ -258,7 +258,9 @@ def _asked_holds(
     held: Sequence[Experiment] | None,
     names: Sequence[str],
 ) -> tuple[Hold, ...]:
-    """The holds of all inputs alike to choose from."""
+    """The holds of all inputs alike to choose from; one where no input moves."""
+    if not names:
+        return (FOH,)
     if held is not None:
         return HOLDS
     return possible_holds(experiments, names, bool(acting_slopes(explicit)))
@@ -272,6 +274,11 @@ def period_of(experiments: Sequence[Experiment]) -> float:
 def shortest_load(experiments: Sequence[Experiment]) -> float:
     """Time constant [s] of a load that is white noise to these samples."""
     return GATES.shortest_load * period_of(experiments)
+
+
+def without_memory(experiments: Sequence[Experiment]) -> float:
+    """A limit for the time constants of loads [s], beside which their starts say nothing of a recording."""
+    return GIVEN_LOADS[0] * period_of(experiments)
 
 
 def _time_constants(experiments: Sequence[Experiment], slowest: float | None = None) -> tuple[float, float]:

@@ -95,6 +95,7 @@ class Loads:
 @dataclass(frozen=True)
 class Decided:
     """`is_by_colour`: that prediction errors are correlated in time is all that the verdict rests on.
+    `is_of_starts`: that loads begin with the recordings is.
     `is_dynamic`: what is missing is a state, and no curve over any variable."""
 
     name: VerdictName
@@ -102,6 +103,7 @@ class Decided:
     next_experiment: str = ""
     proofs: tuple[Proof, ...] = ()
     is_by_colour: bool = False
+    is_of_starts: bool = False
     is_dynamic: bool = False
 
 
@@ -244,6 +246,7 @@ def _of_starts(evidence: Evidence, starts: Sequence[LoadStart]) -> Decided:
             "external disturbance",
             f"The data ask for {begun}: the machine was left with something that the model does not have.",
             again,
+            is_of_starts=True,
         )
     labels = tuple(p.candidate.label for p in instead)
     would = "; ".join(f"{p.candidate.label}: {told_values(p)}" for p in instead)

@@ -348,7 +348,8 @@ class PlaceGain:
 class Diagnosis(Framed):
     """The result of `diagnose`. `has_loads`: the model as it is was fitted together with unknown loads;
     `is_held`: its parameters were not estimated beside them; `is_whole`: the time sufficed for all refits;
-    `is_by_colour`: that prediction errors are correlated in time is all that the verdict rests on."""
+    `is_by_colour`: that prediction errors are correlated in time is all that the verdict rests on, and
+    `is_of_starts`: that loads begin with the recordings."""
 
     verdict: VerdictName
     message: str
@@ -366,6 +367,7 @@ class Diagnosis(Framed):
     is_held: bool = False
     is_whole: bool = True
     is_by_colour: bool = False
+    is_of_starts: bool = False
 
     def tables(self) -> tuple[Listing, ...]:
         columns = ("effect", "at", "verdict", "delta_bic", "p_value")
