@@ -167,6 +167,27 @@ def test_weak_search_and_small_load_are_nothing_missing():
     assert decide(evidence(p_value=0.3, size=np.sqrt(0.5e-4))).name == "nothing missing"
 
 
+@pytest.mark.parametrize(
+    ("one_step", "simulated", "name"),
+    [(4.0, 4.0, "cannot tell"), (4.0, 1.2, "nothing missing"), (1.2, 4.0, "nothing missing")],
+    ids=("both", "an observer that seeks its start", "a simulation that runs away"),
+)
+def test_unseen_data_that_contradict_the_model_are_not_silent(one_step, simulated, name):
+    """A heater that is cut in the second half alone: the first tells of nothing."""
+    found = evidence(p_value=0.4, gain=1.0)
+
+    def both(unseen):
+        return {
+            "estimation": Agreement({"phi": 99.0}, {"phi": 1.0}),
+            "validation": Agreement({"phi": 80.0}, {"phi": unseen}),
+        }
+
+    baseline = replace(found.baseline, one_step=both(one_step), simulated=both(simulated))
+    decided = decide(replace(found, baseline=baseline))
+    assert decided.name == name
+    assert ("phi is 4 there and 1 in the fit" in decided.message) == (name == "cannot tell")
+
+
 def test_contradicted_parameter_is_off():
     moved = FittedParameter("J", 0.7, 0.01, 0.5, "kg.m2", 0.0, None, None)
     found = decide(evidence(p_value=0.5, gain=0.0, parameters=[moved], fitted={"J": 0.5}))

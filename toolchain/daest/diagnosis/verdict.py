@@ -16,7 +16,7 @@ from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.unseen import is_likelier, is_silent
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Unproved, VerdictName
 from daest.model.effects import Domain
-from daest.model.fit import FitResult, error_ratios
+from daest.model.fit import Agreement, FitResult, error_ratios
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
 from daest.quantities import spoken_duration
@@ -190,7 +190,7 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
     if accepted:
         return _cannot_tell(evidence, accepted)
     if evidence.rest.is_explained(evidence) and not any(p.is_any_dynamics for p in evidence.proofs):
-        return _nothing(evidence)
+        return _contradicted(evidence) or _nothing(evidence)
     if leader is not None:
         return Decided(
             "cannot tell",
@@ -477,6 +477,33 @@ def _has_unexpected_load(loads: Loads) -> bool:
         ):
             return True
     return False
+
+
+def _contradicted(evidence: Evidence) -> Decided | None:
+    """What is to be said where unseen data are both foreseen and simulated far worse than those of the fit,
+    in which nothing is missing; None where they are not. An observer alone may take long to find the start of
+    unseen data, and a simulation alone may run away."""
+    told = evidence.told or evidence.baseline
+    foreseen, simulated = _unseen_excess(evidence.baseline.one_step), _unseen_excess(told.simulated)
+    worse = {name: min(ratio, simulated.get(name, 0.0)) for name, ratio in foreseen.items()}
+    name = max(worse, key=worse.__getitem__, default="")
+    if not name or worse[name] < GATES.min_contradiction:
+        return None
+    own, unseen = (told.simulated[data].rms[name] for data in RECORDED)
+    return Decided(
+        "cannot tell",
+        "Nothing is missing in the data of the fit, but unseen data contradict the model: the error of the "
+        f"simulated {name} is {unseen:.3g} there and {own:.3g} in the fit. What acts there has not acted "
+        "before.",
+        "Exchange the data that estimate and those that validate, or estimate from recordings of both kinds.",
+    )
+
+
+def _unseen_excess(agreements: Mapping[str, Agreement]) -> dict[str, float]:
+    """Of each output the ratio of the errors on unseen data to those on the data of the fit."""
+    own, unseen = (agreements[data].rms if data in agreements else {} for data in RECORDED)
+    pairs = {name: (own.get(name), error) for name, error in unseen.items()}
+    return {name: error / before for name, (before, error) in pairs.items() if before and error is not None}
 
 
 def _nothing(evidence: Evidence) -> Decided:
