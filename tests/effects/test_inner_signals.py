@@ -10,6 +10,7 @@ from effect_rig import in_steps
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis.loads import load_sites
+from daest.errors import ModelError
 from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model, compile_text
 from daest.modelica.effects import find_effect
@@ -182,12 +183,11 @@ def test_places_are_those_where_an_effect_does_what_it_does_nowhere_else():
     "text",
     [
         EQUATIONS.replace("20*(r - phi) - 2*w", "20*r"),
-        EQUATIONS.replace('u(unit = "V")', 'u(unit = "N.m")'),
         EQUATIONS.replace("  0.05*der(w) = u;", "  der(w) = a;\n  a = 20*u;").replace(
             "equation\n", '  Real a(unit = "rad/s2");\nequation\n'
         ).replace('Real u(unit = "V");', 'output Real u(unit = "V");'),
     ],
-    ids=["input", "torque", "output and rate"],
+    ids=["input", "output and rate"],
 )  # fmt: skip
 def test_no_place_is_what_another_one_is_already(text):
     assert inside(text) == set()
@@ -208,6 +208,21 @@ def test_potential_of_a_connector_is_no_signal():
     assert not [site for site in sites(flat) if site.kind == "signal"]
     loads = [site.name.partition(":")[2] for site in load_sites(flat)]
     assert loads == ["first.port.c", "second.port.c"], "but what no unit tells may have loads"
+
+
+def test_command_that_moves_as_a_spring_would_is_both(tmp_path):
+    """In N.m it may be a shaft that the input twists, or the command of a controller; behind a saturation it
+    is no force between the bodies any more."""
+    path = tmp_path / "Loop.mo"
+    path.write_text(EQUATIONS.replace('u(unit = "V")', 'u(unit = "N.m")'))
+    flat, spring = compile_model(path), find_effect("Rotational.HardeningSpring")
+    places = {site.kind: site for site in sites(flat) if site.name.rpartition(":")[2] == "u"}
+    assert set(places) == {"force", "signal"}
+    cut = attach(flat, find_effect("Signals.Saturation"), places["signal"], values=SATURATION)
+    np.testing.assert_allclose(simulated(cut, 1.0), servo(1.5), atol=1e-3)
+    attach(flat, spring, places["force"])
+    with pytest.raises(ModelError, match="no place of the model any more"):
+        attach(cut, spring, places["force"])
 
 
 def test_equation_that_does_not_name_the_signal_first_is_no_place():

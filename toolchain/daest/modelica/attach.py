@@ -11,6 +11,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count
+from typing import TypeVar
 
 import casadi as ca
 
@@ -94,6 +95,9 @@ def names_of(flat: FlatModel) -> set[str]:
     names += [*flat.parameter_names, *(p.name for p in flat.derived_parameters)]
     own = {name.partition(".")[0] for name in names}
     return own | {e.origin.partition(".")[0] for e in flat.equations if e.kind == "component"}
+
+
+Found = TypeVar("Found")
 
 
 @dataclass
@@ -181,6 +185,18 @@ class _Assembly:
     @cached_property
     def _meshes(self) -> dict[str, Mesh]:
         return {mesh.name(self.flat): mesh for mesh in meshes(self.flat)}
+
+    def _found(self, places: Mapping[str, Found], name: str) -> Found:
+        """The place of that name. Raises ModelError where an effect that was put in before has changed the
+        equations so that it is none any more."""
+        if name not in places:
+            raise ModelError(
+                "effect-place",
+                f"`{name}` is no place of the model any more",
+                where=self.flat.source or None,
+                remedy="An effect in its equations has changed them: choose another place.",
+            )
+        return places[name]
 
     # --- putting in ----------------------------------------------------------------------------------------
 
@@ -408,7 +424,7 @@ class _Assembly:
     def _as_term(self, member: _Member, own: str, name: str) -> None:
         """The flow into the effect's connector `own` becomes a term of a balance, its potential follows the
         balanced variable."""
-        balance = self._balances[name]
+        balance = self._found(self._balances, name)
         self._add_term(balance.row, balance.sign, *member.local(own, 1))
         potential, symbol = member.local(own, 0)
         variable = self.flat.unknowns[balance.variable]
@@ -428,7 +444,7 @@ class _Assembly:
     def _beside_force(self, member: _Member, name: str) -> None:
         """The effect's flow becomes a term beside a force between bodies, its potential follows their
         relative motion; the other end of an effect with two does not move."""
-        force = self._forces[name]
+        force = self._found(self._forces, name)
         *fixed, own = member.effect.connectors
         for row, sign in force.signs:
             self._add_term(row, sign, *member.local(own, 1))
@@ -443,7 +459,7 @@ class _Assembly:
 
     def _in_mesh(self, member: _Member, name: str) -> None:
         """The voltage over the effect becomes a term of a sum of voltages, its current follows the mesh."""
-        place = self._meshes[name]
+        place = self._found(self._meshes, name)
         first, second = member.effect.connectors
         voltage, symbol = member.local(first, 0)
         if place.source is None:
@@ -462,7 +478,7 @@ class _Assembly:
 
     def _at_terminal(self, member: _Member, name: str) -> None:
         """The voltage over the effect becomes a term of an output, its current is the input's."""
-        place = next(one for one in terminals(self.flat) if one.name(self.flat) == name)
+        place = self._found({one.name(self.flat): one for one in terminals(self.flat)}, name)
         first, second = member.effect.connectors
         self.results[place.output] += place.sign * member.local(first, 0)[1]
         self._tie(*member.local(first, 1), place.current_name(self.flat), self.u[place.current])

@@ -95,10 +95,13 @@ def _physical(flat: FlatModel) -> tuple[Site, ...]:
 
 
 def _inside(flat: FlatModel, physical: Sequence[Site]) -> list[Site]:
-    """Signals inside of a model, besides its `physical` places; not where events may switch them."""
+    """Signals inside of a model, besides its `physical` places; not where events may switch them. What an
+    input moves as a spring would, `u = kp*(r - phi) - kd*w`, may be the command of a controller as well."""
     if flat.events is not None:
         return []
-    taken = {*flat.output_names, *(name for site in physical for name in (site.name, *site.aliases))}
+    moved = {force.name(flat) for force in internal_forces(flat) if force.ground}
+    known = (site for site in physical if site.name not in moved)
+    taken = {*flat.output_names, *(name for site in known for name in (site.name, *site.aliases))}
     found = inner_signals(flat, {site.domain for site in physical}, taken)
     return [Site(one.name(flat), "signal", "signal") for one in found]
 
