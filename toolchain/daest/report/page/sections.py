@@ -340,24 +340,28 @@ def _improvement(material: Material) -> Section:
     ]
     content = {
         "document": ledger,
-        "rows": [{**step, "sizes": _sizes(step)} for step in ledger["steps"]],
+        "rows": [
+            {**step, "sizes": _sizes(step, step), "last": _sizes(step, ledger["steps"][-1])}
+            for step in ledger["steps"]
+        ],
         "curves": curves,
     }
     return Section("ledger", title, "", True, content, tuple(plots.staircase_plots(ledger)))
 
 
-def _sizes(step: Mapping[str, Any]) -> list[str]:
-    """The parameters of the effect that a step added."""
+def _sizes(step: Mapping[str, Any], model: Mapping[str, Any]) -> list[str]:
+    """The parameters of the effect that a step added, as the `model` of a step has them."""
     if not step["component"]:
         return []
     prefix = f"{step['component']}."
-    own = {n.removeprefix(prefix): p for n, p in step["parameters"].items() if n.startswith(prefix)}
+    own = {n.removeprefix(prefix): p for n, p in model["parameters"].items() if n.startswith(prefix)}
     return [f"{name} = {_with_error(p)}" for name, p in own.items()]
 
 
 def _with_error(p: Mapping[str, Any]) -> str:
     error = "" if p["std_error"] is None else f" ± {p['std_error']:.2g}"
-    return f"{p['value']:.4g}{error} {p['unit']}".strip()
+    unit = "" if p["unit"] == "1" else p["unit"]
+    return f"{p['value']:.4g}{error} {unit}".strip()
 
 
 def _modelica(material: Material) -> Section:
