@@ -83,6 +83,7 @@ OTHERS: dict[str, tuple[str, Law]] = {
     "ExtraHeatCapacity": ("Q_flow", lambda v: -v["G"] * v["z"]),
     "ConstantHeatGain": ("Q_flow", lambda v: v["Q_0"]),
     "HeatLoss": ("Q_flow", lambda v: -v["G"] * (v["port.T"] - v["T_0"])),
+    "RadiationLoss": ("Q_flow", lambda v: -v["Gr"] * 5.670374419e-8 * (v["port.T"] ** 4 - v["T_0"] ** 4)),
     "MeasuredHeatGain": ("Q_flow", lambda v: v["A"] * v["u"]),
     "MeasuredHeatFlow": ("Q_flow", lambda v: v["k"] * v["u"]),
     "MeasuredVentilation": ("Q_flow", lambda v: v["k"] * v["u"] * v["dT"]),
