@@ -167,6 +167,29 @@ def test_weak_search_and_small_load_are_nothing_missing():
     assert decide(evidence(p_value=0.3, size=np.sqrt(0.5e-4))).name == "nothing missing"
 
 
+def with_unseen(known, simulated, one_step):
+    """The evidence with those errors on unseen data, where the data of the fit have 0.5."""
+    errors = {
+        name: {
+            "estimation": Agreement({"phi": 90.0}, {"phi": 0.5}),
+            "validation": Agreement({"phi": 9.0}, rms),
+        }
+        for name, rms in (("simulated", {"phi": simulated}), ("one_step", {"phi": one_step}))
+    }
+    return replace(known, baseline=replace(known.baseline, **errors))
+
+
+def test_unseen_data_that_are_lost_are_told_where_the_data_of_the_fit_lack_nothing():
+    """A heater that cannot cool, and a first half that never asks it to."""
+    quiet = evidence(p_value=0.3, gain=5.0)
+    found = decide(with_unseen(quiet, 3.0, 3.0))
+    assert found.name == "cannot tell" and "phi 0.5 there, 3 unseen" in found.message
+    assert "split" in found.next_experiment
+    # Dead reckoning drifts away, and is right one step ahead.
+    assert decide(with_unseen(quiet, 3.0, 0.6)).name == "nothing missing"
+    assert decide(with_unseen(quiet, 0.6, 3.0)).name == "nothing missing"
+
+
 def test_contradicted_parameter_is_off():
     moved = FittedParameter("J", 0.7, 0.01, 0.5, "kg.m2", 0.0, None, None)
     found = decide(evidence(p_value=0.5, gain=0.0, parameters=[moved], fitted={"J": 0.5}))

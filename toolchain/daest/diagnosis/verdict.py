@@ -16,7 +16,7 @@ from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.unseen import is_likelier, is_silent
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Unproved, VerdictName
 from daest.model.effects import Domain
-from daest.model.fit import FitResult, error_ratios
+from daest.model.fit import Agreement, FitResult, error_ratios
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
 from daest.quantities import spoken_duration
@@ -188,7 +188,7 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
     if accepted:
         return _cannot_tell(evidence, accepted)
     if evidence.rest.is_explained(evidence) and not any(p.is_any_dynamics for p in evidence.proofs):
-        return _nothing(evidence)
+        return _unlike(evidence) or _nothing(evidence)
     if leader is not None:
         return Decided(
             "cannot tell",
@@ -498,6 +498,36 @@ def _nothing(evidence: Evidence) -> Decided:
         f"supported (p = {evidence.screen.p_value:.2g} for the whole search). It would have shown, for "
         f"instance: {shown}.",
     )
+
+
+def _unlike(evidence: Evidence) -> Decided | None:
+    """Where the data of the fit lack nothing, and unseen ones are foreseen far worse, by a simulation and one
+    step ahead, which dead reckoning does not spoil; None elsewhere."""
+    simulated = (evidence.told or evidence.baseline).simulated
+    ahead = _growth(evidence.baseline.one_step)
+    grown = [name for name, ratio in _growth(simulated).items() if ratio > GATES.max_unlike]
+    grown = [name for name in grown if ahead.get(name, 0.0) > GATES.max_unlike]
+    if not grown:
+        return None
+    fitted, unseen = (simulated[data].rms for data in RECORDED)
+    errors = ", ".join(f"{name} {fitted[name]:.3g} there, {unseen[name]:.3g} unseen" for name in grown)
+    return Decided(
+        "cannot tell",
+        "Nothing is missing in the data of the fit, but something is in those that were kept for "
+        f"validation: they are simulated far worse (rms: {errors}). What acts there does not show itself in the data "
+        "of the fit, and laws are looked for in these.",
+        "Let the fit have data in which it acts: another [data] split (or --split), or other recordings under "
+        "estimate and validate.",
+    )
+
+
+def _growth(fits: Mapping[str, Agreement]) -> dict[str, float]:
+    """Of each output the error on unseen data relative to that on the data of the fit; empty without both."""
+    if not all(data in fits for data in RECORDED):
+        return {}
+    fitted, unseen = (fits[data].rms for data in RECORDED)
+    pairs = {name: (error, unseen.get(name)) for name, error in fitted.items()}
+    return {name: new / error for name, (error, new) in pairs.items() if error and new is not None}
 
 
 def _moved(evidence: Evidence) -> list[str]:
