@@ -514,10 +514,10 @@ def _unlike(evidence: Evidence) -> Decided | None:
     return Decided(
         "cannot tell",
         "Nothing is missing in the data of the fit, but something is in those that were kept for "
-        f"validation: they are simulated far worse (rms: {errors}). What acts there does not show itself in the data "
-        "of the fit, and laws are looked for in these.",
-        "Let the fit have data in which it acts: another [data] split (or --split), or other recordings under "
-        "estimate and validate.",
+        f"validation: they are simulated far worse (rms: {errors}). What acts there does not show itself "
+        "in the data of the fit, and laws are looked for in these.",
+        "Let the fit have data in which it acts: another [data] split (or --split), or other recordings "
+        "under estimate and validate.",
     )
 
 
