@@ -394,6 +394,36 @@ def test_ranking():
     assert ranked([]) == ()
 
 
+@pytest.mark.parametrize(
+    ("share", "verdict"), [(0.996, "not separable"), (1.0, "not separable"), (0.9, "rejected")]
+)
+def test_a_share_that_is_all_of_it_is_no_parameter_beside_other_laws(share, verdict):
+    """A limit on one side and a dead zone of which the recording shows one side do the same."""
+    _, proof = proved()
+    place = next(site for site in sites(model()) if site.kind == "input")
+
+    def bent(name, delta_log_likelihood, **own):
+        law = Candidate(some_effects(name)[0], place, name)
+        size = next(p for p in proof.fit.parameters if p.name.startswith(proof.candidate.name))
+        told = [
+            replace(size, name=f"{name}.{n}", value=v, std_error=e, at_bound="max" if v == 1.0 else None)
+            for n, (v, e) in own.items()
+        ]
+        others = [p for p in proof.fit.parameters if not p.name.startswith(proof.candidate.name)]
+        fit = replace(proof.fit, parameters=(*others, *told))
+        bic = 2.0 * delta_log_likelihood - 8.0 * law.n_unknowns
+        return replace(
+            proof, candidate=law, fit=fit, delta_log_likelihood=delta_log_likelihood, delta_bic=bic
+        )
+
+    zone = bent("DeadZone", 300.0, width=(1.6, 0.04))
+    limit = bent("OneSidedLimit", 300.2, share=(share, 0.006), limit=(0.01, 0.01))
+    assert limit.delta_bic < zone.delta_bic - GATES.same_bic
+    found = {p.candidate.effect.name: p.verdict for p in ranked([zone, limit])}
+    assert found["OneSidedLimit"] == verdict
+    assert found["DeadZone"] == ("supported" if verdict == "rejected" else "not separable")
+
+
 @pytest.mark.parametrize(("ahead", "verdict"), [(0.0, "rejected"), (20.0, "supported")])
 def test_flexible_part_that_says_no_more_than_a_short_lag_is_refused(ahead, verdict):
     _, friction = proved()

@@ -1,12 +1,19 @@
 """The sizes of noises that a gain leaves open."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from nonlinear_models import experiment_of, explicit_from
 
-from daest.estimation.gain_family import Levels
-from daest.estimation.noise_levels import at_size_of_innovations
+from daest.estimation.coordinates import Unknowns
+from daest.estimation.gain_family import Levels, gain_family
+from daest.estimation.noise_levels import at_size_of_innovations, average_along, without_family
+from daest.estimation.search import Evaluation, Found
+from daest.estimation.trajectories import TrajectoryProblem
+from daest.systems.integrate import integrator
+from daest.systems.simulate import simulate
 
 
 def sized(expected, found, has_free_size=True):
@@ -39,3 +46,33 @@ def test_noises_that_are_all_told_by_the_gain_share_one_size():
 def test_given_sizes_stay():
     levels = sized([1.0, 64.0], [4.0, 9.0], has_free_size=False)
     assert levels.measurement_std.tolist() == [1.0, 8.0]
+
+
+def test_noise_that_has_no_part_in_another_output_comes_back_to_its_innovations():
+    """Of two tanks that share nothing, no gain tells the ratio of the noises: a search ended at a noise of
+    20 000 where the sensor had 0.05, and was taken for one that had run away."""
+    explicit = explicit_from(
+        ("a", "b"),
+        {"k": 1.0},
+        lambda x, u, w, theta, t: [u[0] + w[0] - theta[0] * x[0], u[0] + w[1] - 2.0 * x[1]],
+        {"y": lambda x, u, theta: x[0], "z": lambda x, u, theta: x[1]},
+        ("v", "w"),
+    )
+    time = 0.05 * np.arange(600)
+    u = np.repeat(np.random.default_rng(1).choice([-5.0, 5.0], 24), 25)[:, None]
+    truth = {"noise": True, "seed": 1, "intensities": {"v": 0.01, "w": 0.04}}
+    y = simulate(explicit, (time, u), hold="zoh", **truth).outputs
+    y = y + np.array([0.02, 0.05]) * np.random.default_rng(2).standard_normal(y.shape)
+    unknowns = Unknowns((), explicit.flat.theta_values, np.zeros(2), np.ones(2))
+    data = (experiment_of(explicit, time, u, y),)
+    problem = TrajectoryProblem(
+        integrator(explicit, []), data, "zoh", unknowns, np.ones(2), np.full(2, np.nan), rtol=1e-8
+    )
+    start = np.zeros(2)
+    lost = Levels(np.array([0.01, 0.04e10]), np.array([0.02, 0.05e5]))
+    family = gain_family(average_along(problem, start), lost, np.arange(2), np.array([1]))
+    wide = replace(problem, family=family)
+    found = Found(np.zeros(5), Evaluation(0.0, np.zeros(5), np.eye(5)), "converged", 1, 0.0)
+    end = without_family(SimpleNamespace(has_free_size=True), wide, found)
+    assert end.levels.measurement_std == pytest.approx([0.02, 0.05], rel=0.15)
+    assert end.levels.intensity == pytest.approx([0.01, 0.04], rel=0.3)

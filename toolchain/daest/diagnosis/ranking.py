@@ -14,6 +14,7 @@ from daest.diagnosis.reasons import is_significant
 from daest.diagnosis.trials import Trial
 from daest.diagnosis.unseen import is_worse
 from daest.model.diagnosis import Ahead, Candidate, Proof, Screen
+from daest.model.effects import EffectParameter
 from daest.model.fit import FittedParameter, error_ratios
 
 
@@ -51,7 +52,7 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     one only rounds otherwise (`_is_rounded_otherwise`) is not separable from it, either. Where a refused one
     is far more likely, none is the explanation."""
     compared = _on_one_basis(_without_hopeless(_without_imitations(proofs)))
-    order = sorted(compared, key=lambda p: (p.verdict == "rejected", -p.delta_bic))
+    order = sorted(compared, key=lambda p: (p.verdict == "rejected", -_bic(p)))
     accepted = [p for p in order if p.verdict == "supported"]
     if not accepted:
         return tuple(order)
@@ -98,7 +99,7 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
                 )
             )
         else:
-            worse = best.delta_bic - proof.delta_bic
+            worse = _bic(best) - _bic(proof)
             if proof in same:
                 reason = f"it is the same equation as {best.candidate.label}"
                 result.append(replace(proof, verdict="rejected", reason=reason))
@@ -187,7 +188,7 @@ def _place(best: Proof, proof: Proof) -> tuple[bool, float, int, float]:
     ratio = 1.0 if proof.verdict == "rejected" or _is_vague(proof, best) else _unseen_ratio(best, proof)
     n_parameters = len(proof.candidate.effect.parameters) if ratio < GATES.max_rival_error else 0
     ratio = round(min(ratio, GATES.max_rival_error), 2)
-    return proof.verdict == "rejected", ratio, n_parameters, -proof.delta_bic
+    return proof.verdict == "rejected", ratio, n_parameters, -_bic(proof)
 
 
 def _is_same_equation(one: Proof, other: Proof) -> bool:
@@ -305,9 +306,9 @@ def _is_rival(one: Proof, best: Proof) -> bool:
     if _is_of_the_kink(one, best):
         return False
     if _is_vague(one, best):
-        return one.delta_bic > best.delta_bic
+        return _bic(one) > _bic(best)
     return (
-        abs(best.delta_bic - one.delta_bic) <= GATES.same_bic
+        abs(_bic(best) - _bic(one)) <= GATES.same_bic
         or _unseen_ratio(best, one) < GATES.max_rival_error
         or _is_as_good(best, one)
     )
@@ -319,7 +320,7 @@ def _is_as_good(best: Proof, one: Proof) -> bool:
     is_other = best.candidate.effect.class_name != one.candidate.effect.class_name
     if not is_other or len(_own_sizes(best)) != len(_own_sizes(one)):
         return False
-    is_likely = abs(best.delta_bic - one.delta_bic) <= GATES.min_bic_gain
+    is_likely = abs(_bic(best) - _bic(one)) <= GATES.min_bic_gain
     if one.adds_up:
         ratios = list(ahead_of(best.ahead, one.ahead).values())
     else:
@@ -394,7 +395,43 @@ def _has_form_in_kink(proof: Proof) -> bool:
 
 
 def _own_sizes(proof: Proof) -> list[FittedParameter]:
-    return [p for p in proof.fit.parameters if p.name.startswith(f"{proof.candidate.name}.")]
+    """The parameters of a law, but for sizes that are all that there can be: they were no choice."""
+    whole = _whole_sizes(proof)
+    own = f"{proof.candidate.name}."
+    return [p for p in proof.fit.parameters if p.name.startswith(own) and p not in whole]
+
+
+def _whole_sizes(proof: Proof) -> list[FittedParameter]:
+    """Sizes that are all that there can be as far as the data tell, and far from nothing: all of an excess is
+    cut."""
+    fitted = {p.name: p for p in proof.fit.parameters}
+    sizes = ((fitted.get(f"{proof.candidate.name}.{p.name}"), p) for p in proof.candidate.effect.sizes)
+    return [p for p, declared in sizes if p is not None and _is_whole(p, declared)]
+
+
+def _is_whole(size: FittedParameter, declared: EffectParameter) -> bool:
+    if declared.max is None or size.at_bound == "max":
+        return declared.max is not None
+    error = GATES.min_significance * (size.std_error or np.inf)
+    return declared.max - size.value <= error < size.value - (declared.null or 0.0)
+
+
+def _bic(proof: Proof) -> float:
+    """The BIC gain of a law beside others: with sizes that are all that there can be held there, which costs
+    the likelihood half of the square of their distance in standard errors."""
+    whole = _whole_sizes(proof)
+    if not whole or not proof.candidate.n_unknowns:
+        return proof.delta_bic
+    each = (2.0 * proof.delta_log_likelihood - proof.delta_bic) / proof.candidate.n_unknowns
+    maxima = {f"{proof.candidate.name}.{p.name}": p.max for p in proof.candidate.effect.sizes}
+    return proof.delta_bic + sum(each - _distance(p, maxima[p.name]) ** 2 for p in whole)
+
+
+def _distance(size: FittedParameter, maximum: float | None) -> float:
+    """Standard errors between a size and the largest there can be."""
+    if size.at_bound or maximum is None or not size.std_error:
+        return 0.0
+    return (maximum - size.value) / size.std_error
 
 
 def _simplest(accepted: Sequence[Proof]) -> Proof:
@@ -411,14 +448,19 @@ def _simplest(accepted: Sequence[Proof]) -> Proof:
         or _is_of_the_kink(best, p)
         or (
             p.candidate.site == best.candidate.site
-            and len(p.fit.parameters) < len(best.fit.parameters)
+            and _n_chosen(p) < _n_chosen(best)
             and (
                 p.delta_log_likelihood > GATES.min_simpler_gain * best.delta_log_likelihood
                 or _is_vague(best, p)
             )
         )
     ]
-    return min(simpler, key=lambda p: len(p.fit.parameters), default=best)
+    return min(simpler, key=_n_chosen, default=best)
+
+
+def _n_chosen(proof: Proof) -> int:
+    """How many parameters a fit with a law had to choose."""
+    return len(proof.fit.parameters) - len(_whole_sizes(proof))
 
 
 def leader_of(proofs: Sequence[Proof]) -> Proof | None:

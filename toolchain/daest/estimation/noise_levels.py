@@ -28,6 +28,14 @@ from daest.systems.integrate import interval_inputs
 NOISE_EVALUATIONS = 40  # of the simplex search over noise levels in each round
 NOISE_SPREAD = np.log(10.0)  # first step of that search
 NO_GAIN = 1e300  # stands for the value of levels without a gain; two infinities have no difference
+OPEN_SHARES = (
+    1.0,
+    0.9,
+    0.8,
+    0.7,
+    0.6,
+    0.5,
+)  # of the way back for the size of a noise that the gain leaves open
 SCAN = (0.0, -2.3, -4.6, -9.2, -13.8)  # logs of common factors that a search over noise levels tries first
 
 
@@ -114,11 +122,12 @@ def with_family(problem: TrajectoryProblem, family: GainFamily) -> TrajectoryPro
 
 def without_family(setup: Setup, problem: TrajectoryProblem, found: Found) -> Ending:
     """The predictor with the gain at the end of a search over a family, and the levels behind it."""
-    family, logs = problem.family, problem.logs(found.z)
+    family = problem.family
     assert family is not None
-    gain, errors = family.at(logs), prediction_errors(problem, found.z)
-    assert gain is not None and errors is not None
     n = found.z.size - family.n_logs
+    logs = _at_own_sizes(replace(problem, family=None), found.z[:n], family, problem.logs(found.z))
+    gain, errors = family.at(logs), prediction_errors(problem, np.concatenate([found.z[:n], logs]))
+    assert gain is not None and errors is not None
     evaluation = Evaluation(
         found.evaluation.value, found.evaluation.gradient[:n], found.evaluation.information[:n, :n]
     )
@@ -127,6 +136,60 @@ def without_family(setup: Setup, problem: TrajectoryProblem, found: Found) -> En
         replace(found, z=found.z[:n], evaluation=evaluation),
         at_size_of_innovations(setup, errors, family.levels_at(logs), gain),
     )
+
+
+def _at_own_sizes(
+    problem: TrajectoryProblem, z: np.ndarray, family: GainFamily, logs: np.ndarray
+) -> np.ndarray:
+    """The logs of levels, with those of every output near the size of its innovations where that is far from
+    what the gain foretells. Where the best gain takes nothing from one output for the states behind
+    another, the ratio of their noises is open, and a search ends anywhere: at a noise beyond all that the
+    sensor shows. The noise of the process that belongs to the output changes along with it. Shapes: z (n_z,),
+    logs (n_logs,)."""
+    known = _sizes(problem, z, family, logs)
+    if known is None:
+        return logs
+    value, ratios = known
+    held = np.setdiff1d(np.arange(ratios.size), family.std_free)
+    least = value + FIT.refit_round_gain
+    for row, output in enumerate(family.std_free):
+        change = float(np.log(ratios[output] / (ratios[held[0]] if held.size else 1.0)))
+        if abs(change) < 2.0 * np.log(FIT.open_size):
+            continue
+        # Nearer to the size of the innovations the gain may tell the ratio after all.
+        moved = (_moved(problem, z, family, logs, row, share * change) for share in OPEN_SHARES)
+        logs = next((found[1] for found in moved if found[0] <= least), logs)
+    return logs
+
+
+def _moved(
+    problem: TrajectoryProblem, z: np.ndarray, family: GainFamily, logs: np.ndarray, row: int, change: float
+) -> tuple[float, np.ndarray]:
+    """The logs with the variance of the free output `row` moved by the log `change`, and with those noises of
+    the process that belong to it, and the negative log-likelihood there."""
+    best, moved = np.inf, logs.copy()
+    moved[family.intensity_free.size + row] += 0.5 * change
+    for noise in (None, *range(family.intensity_free.size)):
+        tried = moved.copy()
+        if noise is not None:
+            tried[noise] += change
+        found = _sizes(problem, z, family, tried)
+        if found is not None and found[0] < best:
+            best, moved = found[0], tried
+    return best, moved
+
+
+def _sizes(
+    problem: TrajectoryProblem, z: np.ndarray, family: GainFamily, logs: np.ndarray
+) -> tuple[float, np.ndarray] | None:
+    """The negative log-likelihood with the gain at `logs` (n_logs,), and the variances (n_y,) of the
+    innovations relative to what that foretells; None without a gain. Shapes: z (n_z,)."""
+    gain = family.at(logs)
+    errors = None if gain is None else prediction_errors(gained(problem, gain), z)
+    if gain is None or errors is None:
+        return None
+    ratios = np.diagonal(errors.covariance) / np.diagonal(gain.innovation_cov)
+    return errors.negative_log_likelihood, ratios
 
 
 def assumed(
