@@ -320,6 +320,18 @@ def test_ratios_of_simulation_errors():
     assert error_ratios({}, after) == []
 
 
+@pytest.mark.parametrize(("share", "reason"), [(0.05, "leaves the signal nearly as it is"), (0.9, "")])
+def test_limit_that_cuts_next_to_nothing_is_none(share, reason):
+    """A small share of what lies beyond a limit at the end of the range is a gain and an offset."""
+    prepared, proof = proved()
+    (limit,) = some_effects("OneSidedLimit")
+    cut = next(c for c in pairs((limit,), sites(model())) if c.site.kind == "input")
+    own = replace(proof.fit.parameters[-1], name=f"{cut.name}.share", value=share, std_error=0.005)
+    fit = replace(proof.fit, parameters=(*proof.fit.parameters, own))
+    found = weak(replace(prepared, trial=replace(prepared.trial, candidate=cut)), fit, proof.fit)
+    assert reason in found and bool(reason) == bool(found)
+
+
 def test_size_as_large_as_it_can_be_is_no_weakness():
     prepared, proof = proved()
     assert weak(prepared, changed_size(proof.fit, at_bound="max", std_error=None), proof.fit) == ""

@@ -61,6 +61,9 @@ def weak(prepared: Prepared, fit: FitResult, before: FitResult) -> str:
         size = found.get(f"{candidate.name}.{parameter.name}")
         if size is None:
             continue
+        if parameter.is_share and size.value < GATES.min_share:
+            reasons.append(f"{parameter.name} = {size.value:.2g} leaves the signal nearly as it is")
+            continue
         # Beside estimated shapes a size alone tells little: there the likelihood ratio has spoken.
         shares = sum(p.estimate for p in candidate.effect.parameters) > len(candidate.effect.sizes)
         least = GATES.min_dynamic_significance if candidate.is_dynamic else GATES.min_significance

@@ -190,7 +190,7 @@ def at_full_size(null: Null, prepared: Prepared) -> tuple[Callable[[], Prepared]
     loads that imitate a sensor, the null's parameters may have gone anywhere. A sharp kink makes a likelihood
     of many valleys."""
     trial, effect = prepared.trial, prepared.trial.candidate.effect
-    is_share = all(p.max is not None and p.min == p.null and p.start == p.max for p in effect.sizes)
+    is_share = all(p.is_share for p in effect.sizes)
     if trial.candidate.site.kind != "output" or not is_share or prepared.similar is not None:
         return ()
     begun = {p.name: p.initial for p in null.fit.parameters if p.name in null.estimated}

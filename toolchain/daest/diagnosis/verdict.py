@@ -530,15 +530,6 @@ def _nothing(evidence: Evidence) -> Decided:
     )
 
 
-def _growth(fits: Mapping[str, Agreement]) -> dict[str, float]:
-    """Of each output the error on unseen data relative to that on the data of the fit; empty without both."""
-    if not all(data in fits for data in RECORDED):
-        return {}
-    fitted, unseen = (fits[data].rms for data in RECORDED)
-    pairs = {name: (error, unseen.get(name)) for name, error in fitted.items()}
-    return {name: new / error for name, (error, new) in pairs.items() if error and new is not None}
-
-
 def _moved(evidence: Evidence) -> list[str]:
     """Parameters of an earlier fit that these data contradict."""
     result = []

@@ -60,6 +60,11 @@ class EffectParameter:
     signal_unit: str = ""
     periods_over: str = ""
 
+    @property
+    def is_share(self) -> bool:
+        """Whether it is a share that begins with all that there can be, from nothing on."""
+        return self.max is not None and self.min == self.null and self.start == self.max
+
 
 @dataclass(frozen=True)
 class Effect:
