@@ -63,11 +63,11 @@ def _held_better(null: Null, proof: Proof) -> Null:
     names = open_inputs(null, proof.delta_log_likelihood)
     for name in names:
         hold = with_turned(null.hold, name, names)
-        least = null.fit.log_likelihood + GATES.min_hold_gain
+        before = null.fit.log_likelihood
         turned = replace(null, hold=hold, recorded_hold=hold)
         with quiet(), suppress(*FAILURES):
-            fit = refitted(null.flat, null.explicit, null.estimated, turned, hopeless=least).fit
-            if fit.log_likelihood > least:
+            fit = refitted(null.flat, null.explicit, null.estimated, turned).fit
+            if fit.log_likelihood > before + GATES.min_hold_gain:
                 null = grown(turned, null.flat, null.explicit, fit, null.experiments)
     return null
 
