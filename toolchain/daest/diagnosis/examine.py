@@ -28,7 +28,7 @@ from daest.diagnosis.stand import Stand, quiet
 from daest.diagnosis.unseen import innovations
 from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
 from daest.model.effects import Effect
-from daest.modelica.sites import sites
+from daest.modelica.sites import sites_left
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers, called, workers
 
@@ -58,7 +58,8 @@ def _examined(
     pool: Workers,
 ) -> Diagnosis:
     beside: list[_Beside] = []
-    candidates = chosen_candidates(library, sites(stand.declared), stand.null.experiments, options)
+    places = sites_left(stand.declared, stand.null.flat)
+    candidates = chosen_candidates(library, places, stand.null.experiments, options)
     progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
 
     def screened() -> tuple[Stand, tuple[Candidate, ...], NullObserver, Screen, Screen | None]:

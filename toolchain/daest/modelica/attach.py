@@ -428,7 +428,13 @@ class _Assembly:
     def _beside_force(self, member: _Member, name: str) -> None:
         """The effect's flow becomes a term beside a force between bodies, its potential follows their
         relative motion; the other end of an effect with two does not move."""
-        force = self._forces[name]
+        force = self._forces.get(name)
+        if force is None:
+            raise ModelError(
+                "effect-fit",
+                f"{member.effect.name} does not fit at `{name}`: what bends it left no force there",
+                remedy="Choose another place, or leave out the effect that bends what acts there.",
+            )
         *fixed, own = member.effect.connectors
         for row, sign in force.signs:
             self._add_term(row, sign, *member.local(own, 1))
