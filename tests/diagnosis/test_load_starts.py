@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daest.diagnosis import load_starts
 from daest.diagnosis.diagnose import diagnose
 from daest.model.diagnosis import Diagnosis
 from daest.model.experiment import Experiment
@@ -115,3 +116,12 @@ def test_loads_whose_starts_are_certain_together_only_are_no_silence(tmp_path: P
     effects = [effect for effect in effect_library() if effect.name in ("Drift", "Offset")]
     found = diagnose(compile_model(tmp_path / "RollOut.mo"), effects, runs)
     assert found.verdict != "nothing missing"
+
+
+def test_starts_that_make_nothing_likelier_are_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A treadmill that sticks: its load of 22.7 N stood many standard errors off zero and bought 1.4."""
+    asked: list[float] = []
+    monkeypatch.setattr(load_starts, "from_nowhere", lambda null, bought: asked.append(bought) or ("start",))
+    assert load_starts.starts_from_nowhere(None, 1.4, 2.6) == ()
+    assert load_starts.starts_from_nowhere(None, 40.0, 2.5) == ("start",)
+    assert asked == [37.5]

@@ -16,7 +16,7 @@ from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.learned import learned_load, said, with_formula
-from daest.diagnosis.load_starts import from_nowhere
+from daest.diagnosis.load_starts import starts_from_nowhere
 from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, open_hold, with_other_hold
 from daest.diagnosis.open_loop import driven_share, open_screen
@@ -90,7 +90,7 @@ def _examined(
     forms = beside[0].free_forms() if beside else free_forms(null, run)
     form = next(iter(forms), None)
     bought = null.fit.log_likelihood - stand.told.log_likelihood
-    starts = from_nowhere(null, bought - sum(one.log_likelihood_gain for one in gains))
+    starts = starts_from_nowhere(null, bought, sum(one.log_likelihood_gain for one in gains))
     loads = verdicts.Loads(stand.declared, null, run, gains, form, starts=starts)
     course = Course(
         stand, loads, load, (found, used), candidates, chosen_library, options, progress, watched, pool,
