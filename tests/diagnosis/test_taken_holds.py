@@ -68,6 +68,15 @@ def test_input_is_held_once_the_loss_is_in_the_model():
     assert losses == pytest.approx([LOSS, LOSS], rel=0.05)
 
 
+def test_model_with_the_first_loss_has_the_values_of_the_hold_that_is_told():
+    flat = compile_text(BOILER, Path("Boiler.mo"))
+    laws = [law for law in library() if law.name == "HeatLoss"]
+    found = improve(flat, laws, [losing_heat()], (), DiagnoseOptions(tried="zoh(P)"), most_effects=1)
+    last = found.steps[-1]
+    assert found.recorded_hold == "zoh" and last.fit.hold == "zoh" and last.proof.told.hold == "zoh"
+    assert "refitted: the inputs are held" in last.remark
+
+
 def test_hold_that_the_user_gives_is_not_asked_for():
     flat = compile_text(BOILER, Path("Boiler.mo"))
     laws = [law for law in library() if law.name == "HeatLoss"]
