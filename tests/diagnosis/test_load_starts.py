@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daest.diagnosis import load_starts
 from daest.diagnosis.diagnose import diagnose
 from daest.model.diagnosis import Diagnosis
 from daest.model.experiment import Experiment
@@ -126,3 +127,12 @@ def test_law_takes_the_place_of_loads_that_begin_with_the_recordings(tmp_path: P
     assert found.verdict == "supported" and law.effect.name == "QuadraticDrag"
     drag = next(p for p in fit.parameters if p.name == f"{law.name}.k")
     assert drag.std_error is not None and abs(drag.value - 0.39) < 3 * drag.std_error < 0.1
+
+
+def test_starts_that_make_nothing_likelier_are_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A treadmill that sticks: its load of 22.7 N stood many standard errors off zero and bought 1.4."""
+    asked: list[float] = []
+    monkeypatch.setattr(load_starts, "from_nowhere", lambda null, bought: asked.append(bought) or ("start",))
+    assert load_starts.starts_from_nowhere(None, 1.4, 2.6) == ()
+    assert load_starts.starts_from_nowhere(None, 40.0, 2.5) == ("start",)
+    assert asked == [37.5]

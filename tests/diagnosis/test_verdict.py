@@ -265,6 +265,9 @@ def test_a_rejected_law_that_foresees_unseen_data_is_named_beside_an_unknown_eff
     alike = replace(good, fit=fit(0.31))
     message = decide(evidence(proofs=[alike, better], related=True)).message
     assert "QuadraticDrag at rotor.flange_a and CoulombFriction at rotor.flange_a foresee the" in message
+    again = replace(better, fit=fit(0.31))
+    message = decide(evidence(proofs=[better, again], related=True)).message
+    assert " CoulombFriction at rotor.flange_a foresees the validation data" in message, "in two forms"
     poor = replace(proof("CoulombFriction", "rejected", 0.6), explained=0.1)
     assert "foresees" not in decide(evidence(proofs=[poor], related=True)).message
     accepted = decide(evidence(proofs=[proof(simulated=0.9), good]))

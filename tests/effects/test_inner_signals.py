@@ -16,7 +16,7 @@ from daest.modelica.compile import compile_model, compile_text
 from daest.modelica.effects import find_effect
 from daest.modelica.extend import extend_model
 from daest.modelica.place_units import units_at
-from daest.modelica.sites import find_site, fits, sites
+from daest.modelica.sites import find_site, fits, sites, sites_left
 from daest.systems.simulate import simulate
 
 BLOCKS = """model Loop
@@ -183,14 +183,40 @@ def test_places_are_those_where_an_effect_does_what_it_does_nowhere_else():
     "text",
     [
         EQUATIONS.replace("20*(r - phi) - 2*w", "20*r"),
+        EQUATIONS.replace('u(unit = "V")', 'u(unit = "N.m")').replace(" - 2*w", ""),
         EQUATIONS.replace("  0.05*der(w) = u;", "  der(w) = a;\n  a = 20*u;").replace(
             "equation\n", '  Real a(unit = "rad/s2");\nequation\n'
         ).replace('Real u(unit = "V");', 'output Real u(unit = "V");'),
     ],
-    ids=["input", "output and rate"],
+    ids=["input", "spring", "output and rate"],
 )  # fmt: skip
 def test_no_place_is_what_another_one_is_already(text):
     assert inside(text) == set()
+
+
+@pytest.mark.parametrize(("speed", "signals"), [("w", {"u"}), ("(w - der(moved))", set())])
+def test_command_of_a_controller_in_the_unit_of_a_force_is_a_signal_as_well(speed, signals):
+    """It knows the speed of the body, and not that of the reference: a spring and damper know both."""
+    text = EQUATIONS.replace('u(unit = "V")', 'u(unit = "N.m")').replace(
+        "20*(r - phi) - 2*w", f"kp*(r - phi) - 2*{speed} + 3*i"
+    )
+    own = '  Real i;\n  parameter Real kp = 20;\n  Real moved(unit = "rad") = r;\nequation\n'
+    text = text.replace("equation\n", own).replace("der(phi) = w;", "der(phi) = w;\n  der(i) = r - phi;")
+    assert inside(text) == signals
+    flat = compile_text(text.encode(), Path("Model.mo"))
+    assert [site.name for site in sites(flat) if site.kind == "force"] == ["0:u"]
+
+
+def test_no_force_is_left_where_a_command_is_cut():
+    """`improve` looked for friction there in the next round, and stopped."""
+    text = EQUATIONS.replace('u(unit = "V")', 'u(unit = "N.m")')
+    flat = compile_text(text.encode(), Path("Model.mo"))
+    cut, friction = find_effect("Signals.Saturation"), find_effect("Rotational.CoulombFriction")
+    bent = attach(flat, cut, find_site(flat, "u", cut), values=SATURATION)
+    gone = {site.name for site in sites(flat)} - {site.name for site in sites_left(flat, bent)}
+    assert gone == {"0:u"} and sites_left(flat, flat) == sites(flat)
+    with pytest.raises(ModelError, match="no place of the model any more"):
+        attach(bent, friction, find_site(flat, "0:u", friction))
 
 
 def test_potential_of_a_connector_is_no_signal():

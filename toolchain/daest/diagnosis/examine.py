@@ -16,7 +16,7 @@ from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.learned import learned_load, said, with_formula
-from daest.diagnosis.load_starts import from_nowhere
+from daest.diagnosis.load_starts import starts_from_nowhere
 from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, open_hold, with_other_hold
 from daest.diagnosis.open_loop import driven_share, open_screen
@@ -28,7 +28,7 @@ from daest.diagnosis.stand import Stand, quiet
 from daest.diagnosis.unseen import innovations
 from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
 from daest.model.effects import Effect
-from daest.modelica.sites import sites
+from daest.modelica.sites import sites_left
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers, called, workers
 
@@ -58,7 +58,8 @@ def _examined(
     pool: Workers,
 ) -> Diagnosis:
     beside: list[_Beside] = []
-    candidates = chosen_candidates(library, sites(stand.declared), stand.null.experiments, options)
+    places = sites_left(stand.declared, stand.null.flat)
+    candidates = chosen_candidates(library, places, stand.null.experiments, options)
     progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
 
     def screened() -> tuple[Stand, tuple[Candidate, ...], NullObserver, Screen, Screen | None]:
@@ -89,7 +90,7 @@ def _examined(
     forms = beside[0].free_forms() if beside else free_forms(null, run)
     form = next(iter(forms), None)
     bought = null.fit.log_likelihood - stand.told.log_likelihood
-    starts = from_nowhere(null, bought - sum(one.log_likelihood_gain for one in gains))
+    starts = starts_from_nowhere(null, bought, sum(one.log_likelihood_gain for one in gains))
     loads = verdicts.Loads(stand.declared, null, run, gains, form, starts=starts)
     course = Course(
         stand, loads, load, (found, used), candidates, chosen_library, options, progress, watched, pool,

@@ -291,6 +291,10 @@ def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _
     step = Step(proof, proof.told, diagnosis, _remark(proof))
     task.progress(f"added {proof.candidate.label}")
     grown = _Path(accept(path.stand, proof, task.options.jobs), (*path.steps, step))
+    hold = grown.stand.null.hold
+    if hold != path.stand.null.hold:
+        # What is written is fitted with the hold that the ledger tells.
+        grown = _refitted(grown, grown.stand, f"refitted: {hold_text(hold)}")
     with suppress(OutOfTimeError), until(task.options.until):
         grown = _with_kinks(task, _without_superfluous(task, grown))
     if len(grown.steps) - len(task.first) >= task.most_effects:
@@ -315,9 +319,16 @@ def _with_kinks(task: _Task, path: _Path) -> _Path:
         return path
     if stand is None:
         return path
+    return _refitted(path, stand, "kinks refitted beside it")
+
+
+def _refitted(path: _Path, stand: Stand, remark: str) -> _Path:
+    """The path with the values of the `stand` in its last step, whose model was fitted again, as the `remark`
+    says."""
     last = path.steps[-1]
-    proof = replace(proofs[-1], flat=stand.null.flat, fit=stand.baseline, final=stand.told)
-    step = replace(last, proof=proof, fit=stand.told, remark=f"{last.remark}; kinks refitted beside it")
+    assert last.proof is not None
+    proof = replace(last.proof, flat=stand.null.flat, fit=stand.baseline, final=stand.told)
+    step = replace(last, proof=proof, fit=stand.told, remark=f"{last.remark}; {remark}")
     return replace(path, stand=stand, steps=(*path.steps[:-1], step))
 
 

@@ -33,6 +33,15 @@ class LoadStart:
     value: float
 
 
+def starts_from_nowhere(null: Null, bought: float, by_noises: float) -> tuple[LoadStart, ...]:
+    """As `from_nowhere`, where the loads make the recordings likelier by as much as such a start would:
+    `bought`, of which `by_noises` what their noises do. At a kink, as of friction that sticks, the standard
+    error of a start means nothing."""
+    if bought < GATES.max_load_start**2 / 2.0:
+        return ()
+    return from_nowhere(null, bought - by_noises)
+
+
 def from_nowhere(null: Null, bought: float = 0.0) -> tuple[LoadStart, ...]:
     """The starts of loads that are farther from zero than the size of the load makes likely, in a way that
     the outputs show; of each load the farthest. `bought` is the log-likelihood that the loads buy beyond what

@@ -63,11 +63,13 @@ def _held_better(null: Null, proof: Proof) -> Null:
     names = open_inputs(null, proof.delta_log_likelihood)
     for name in names:
         hold = with_turned(null.hold, name, names)
-        before = null.fit.log_likelihood
+        least = null.fit.log_likelihood + GATES.min_hold_gain
         turned = replace(null, hold=hold, recorded_hold=hold)
         with quiet(), suppress(*FAILURES):
-            fit = refitted(null.flat, null.explicit, null.estimated, turned).fit
-            if fit.log_likelihood > before + GATES.min_hold_gain:
+            # Where the parameters have bent to the other hold, the first pass does not come all the way.
+            hopeless = least - GATES.hopeless_log_likelihood
+            fit = refitted(null.flat, null.explicit, null.estimated, turned, hopeless=hopeless).fit
+            if fit.log_likelihood > least:
                 null = grown(turned, null.flat, null.explicit, fit, null.experiments)
     return null
 

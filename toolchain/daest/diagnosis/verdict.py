@@ -578,8 +578,8 @@ def foreseen_by(evidence: Evidence, named: Proof | None, limit: float = GATES.ma
         proof for proof, ratio in zip(others, ratios, strict=True) if ratio <= GATES.same_unseen_ratio * best
     ]
     names, verb = (
-        _listed(tuple(p.candidate.label for p in found)),
-        "foresees" if len(found) == 1 else "foresee",
+        _listed(tuple(dict.fromkeys(p.candidate.label for p in found))),
+        "foresees" if len({p.candidate.label for p in found}) == 1 else "foresee",
     )
     return (
         f" {names} {verb} the validation data far better (error times {best:.2g}) and may be what acts "

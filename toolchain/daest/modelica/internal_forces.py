@@ -6,7 +6,8 @@ factors a on bodies with the speeds v, the power is the sum of a*v*F, so that an
 speed which is the sum of -a*v: for the spring above v1 - v2, for a belt on two pulleys r1*w1 - r2*w2.
 
 What a body stands on may be moved by an input, as a wheel by the road in `F = c*(z - road)`: the force then
-goes with the motion relative to that, z - road, and one body is enough."""
+goes with the motion relative to that, z - road, and one body is enough. Where the speed of the body comes in
+without that of the input, as in `u = kp*(r - phi) - kd*w`, it may be the command of a controller as well."""
 
 from __future__ import annotations
 
@@ -122,6 +123,21 @@ def internal_forces(flat: FlatModel) -> list[InternalForce]:
     ):
         if not any(_is_same_motion(force, other, flat) for other in found):
             found.append(force)
+    return found
+
+
+def commands(flat: FlatModel) -> set[str]:
+    """Names of the variables that a law gives which is made of an input and of the position and the speed of
+    a body, but not of the speed of that input, as a spring and damper between the two would be: they may be
+    what a controller says."""
+    bodies, slopes = balances(flat), slopes_near_start(flat)
+    found: set[str] = set()
+    for row in own_laws(flat):
+        law = flat.residual[row]
+        used = set(np.flatnonzero(ca.which_depends(law, flat.xi, 1, False)).tolist())
+        is_moved = ca.depends_on(law, flat.u) and not ca.depends_on(law, flat.derivatives)
+        if is_moved and any({body.variable, body.position} <= used for body in bodies):
+            found |= {flat.unknowns[i].name for i in used if abs(slopes[row, i]) == 1.0}
     return found
 
 

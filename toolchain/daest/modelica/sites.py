@@ -17,7 +17,7 @@ from daest.model.flat import FlatModel, Model
 from daest.modelica.balances import DOMAINS, Balance, balances, slopes_near_start
 from daest.modelica.connectors import Connector, connectors_of
 from daest.modelica.inner_signals import inner_signals
-from daest.modelica.internal_forces import internal_forces
+from daest.modelica.internal_forces import commands, internal_forces
 from daest.modelica.meshes import meshes
 from daest.modelica.place_units import balances_flows
 from daest.modelica.terminals import terminals
@@ -78,6 +78,15 @@ def sites(flat: Model) -> tuple[Site, ...]:
     return places
 
 
+def sites_left(declared: Model, grown: Model) -> tuple[Site, ...]:
+    """The places of the model as it was `declared` that are there in the one to which effects were added:
+    what bends a signal stands between that and the bodies on which it would be a force."""
+    if grown is declared or not isinstance(grown, FlatModel):
+        return sites(declared)
+    left = {site.name for site in _forces(grown)}
+    return tuple(site for site in sites(declared) if site.kind != "force" or site.name in left)
+
+
 def _physical(flat: FlatModel) -> tuple[Site, ...]:
     """The places of effects in a physical domain."""
     net = Network(flat)
@@ -95,13 +104,11 @@ def _physical(flat: FlatModel) -> tuple[Site, ...]:
 
 
 def _inside(flat: FlatModel, physical: Sequence[Site]) -> list[Site]:
-    """Signals inside of a model, besides its `physical` places; not where events may switch them. What an
-    input moves as a spring would, `u = kp*(r - phi) - kd*w`, may be the command of a controller as well."""
+    """Signals inside of a model, besides its `physical` places; not where events may switch them."""
     if flat.events is not None:
         return []
-    moved = {force.name(flat) for force in internal_forces(flat) if force.ground}
-    known = (site for site in physical if site.name not in moved)
-    taken = {*flat.output_names, *(name for site in known for name in (site.name, *site.aliases))}
+    taken = {*flat.output_names, *(name for site in physical for name in (site.name, *site.aliases))}
+    taken -= commands(flat) - {*flat.output_names}
     found = inner_signals(flat, {site.domain for site in physical}, taken)
     return [Site(one.name(flat), "signal", "signal") for one in found]
 
