@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from daest.design.effects import with_effect
-from daest.diagnosis.next_experiment import Asked, computed
+from daest.diagnosis.next_experiment import Asked, _both_ways, computed
+from daest.model.design import Range
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import find_effects
@@ -71,6 +72,16 @@ def test_what_only_the_other_direction_tells(rotor):
     ]
     text = computed(asked(left), OTHERWISE)
     assert text.startswith("Within the recorded range of tau no input") and "tau from -1" in text
+
+
+@pytest.mark.parametrize(
+    ("recorded", "asked"),
+    [((0.0, 5.0), (-5.0, 5.0)), ((-1.0, 4.0), (-4.0, 4.0)), ((320.0, 470.0), (320.0, 470.0))],
+)
+def test_both_directions_are_those_of_what_was_recorded_about_zero(recorded, asked):
+    """A temperature of 320 to 470 K that is asked for has no other direction."""
+    one = Range("u", "", *recorded, np.inf)
+    assert (_both_ways(one).low, _both_ways(one).high) == asked
 
 
 def test_what_no_input_tells_keeps_the_other_advice(rotor):

@@ -61,6 +61,10 @@ def computed(asked: Asked, otherwise: str) -> str:
 
 
 def _both_ways(one: Range) -> Range:
+    """The range in both directions of zero; what was recorded on one side of it, as a temperature that is
+    asked for, stays where it was."""
+    if one.low > 0.0 or one.high < 0.0:
+        return one
     largest = max(abs(one.low), abs(one.high))
     return replace(one, low=-largest, high=largest)
 
