@@ -17,11 +17,13 @@ from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import Model
 from daest.model.holds import Hold, causal_hold
+from daest.quantities import is_of
 
 SECONDS = 4.0  # that the search for the experiment may take
 LONGEST = 4000  # samples of a designed experiment, so that the search comes to something
 MARGIN = 0.5 * GATES.same_bic  # log-likelihood by which candidates are told apart
 MOST = 4  # candidates that are looked at, best first
+ONE_SIDED = ("K", "Pa", "mol/m3", "kg/m3")  # units of quantities that have no other direction
 COMMAND = "daest design --rivals -o input.csv writes the input, and looks longer for a better one."
 
 
@@ -61,9 +63,8 @@ def computed(asked: Asked, otherwise: str) -> str:
 
 
 def _both_ways(one: Range) -> Range:
-    """The range in both directions of zero; what was recorded on one side of it, as a temperature that is
-    asked for, stays where it was."""
-    if one.low > 0.0 or one.high < 0.0:
+    """The range in both directions of zero, for a quantity that has them."""
+    if any(is_of(one.unit, unit) for unit in ONE_SIDED):
         return one
     largest = max(abs(one.low), abs(one.high))
     return replace(one, low=-largest, high=largest)
