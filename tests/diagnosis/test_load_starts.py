@@ -108,6 +108,7 @@ def _rolled(number: int, start: float) -> Experiment:
     return Experiment(f"run{number}", time, np.empty((time.size, 0)), outputs, (), ("speed",))
 
 
+@pytest.mark.slow
 def test_loads_whose_starts_are_certain_together_only_are_no_silence(tmp_path: Path) -> None:
     """The drag of a car that rolls out without any input looks like a load that decays in every run; other
     parameters make the start of each uncertain."""

@@ -77,6 +77,7 @@ def test_model_with_the_first_loss_has_the_values_of_the_hold_that_is_told():
     assert "refitted: the inputs are held" in last.remark
 
 
+@pytest.mark.slow
 def test_hold_that_the_user_gives_is_not_asked_for():
     flat = compile_text(BOILER, Path("Boiler.mo"))
     laws = [law for law in library() if law.name == "HeatLoss"]

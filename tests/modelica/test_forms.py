@@ -614,7 +614,7 @@ def test_broken_text_is_passed_on_or_refused() -> None:
         b":",
         b".",
     )
-    for _ in range(1500):
+    for _ in range(500):
         text = random.choice(texts)
         at = random.randrange(len(text))
         broken = (text[:at], text[:at] + text[at + 9 :], text[:at] + random.choice(pieces) + text[at:])

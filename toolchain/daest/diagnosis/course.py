@@ -211,7 +211,7 @@ def _with_leaders(wanted: Sequence[Trial], used: Screen | None) -> tuple[tuple[T
     first ones that makes."""
     if used is None:
         return tuple(wanted), 1
-    leaders = [replace(trial, is_seen_in_use=True) for trial in trials(used, GATES.in_use_level, MOST_IN_USE)]
+    leaders = [replace(trial, is_seen_in_use=True) for trial in _leaders_in_use(used)]
     marked = [
         replace(trial, is_seen_in_use=any(_is_same(one, trial.candidate) for one in leaders))
         for trial in wanted
@@ -222,6 +222,18 @@ def _with_leaders(wanted: Sequence[Trial], used: Screen | None) -> tuple[tuple[T
     rest = [trial for trial in marked[1:] if not trial.is_seen_in_use]
     ahead = (*first, *known, *new)
     return (*ahead, *rest), len(ahead)
+
+
+def _leaders_in_use(used: Screen) -> list[Trial]:
+    """The first that lead the screen in open loop; of the laws that bend one signal the first alone, which
+    the others follow where it is accepted (`signal_laws`)."""
+    found: list[Trial] = []
+    for trial in trials(used, GATES.in_use_level, len(used.entries)):
+        bends = trial.candidate.is_of_signal and not trial.candidate.is_dynamic
+        is_bent = any(one.candidate.site == trial.candidate.site for one in found)
+        if not (bends and is_bent):
+            found.append(trial)
+    return found[:MOST_IN_USE]
 
 
 def _with_second_tries(proofs: Sequence[Proof], again: Sequence[Proof]) -> list[Proof]:
