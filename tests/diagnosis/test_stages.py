@@ -7,6 +7,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from daest.diagnosis import course as course_module
 from daest.diagnosis import stages as stages_module
 from daest.diagnosis import trials as trials_module
 from daest.diagnosis.course import _by_states
@@ -97,3 +98,22 @@ def test_fits_that_were_begun_are_those_that_are_asked_for() -> None:
 def test_refit_that_gains_far_less_than_the_screen_foresaw_has_lost_its_way(gain, is_lost):
     prepared = SimpleNamespace(trial=Trial(None, (1.0,), (), promised=125.0))
     assert _has_fallen_short(prepared, SimpleNamespace(delta_log_likelihood=gain)) == is_lost
+
+
+def test_one_of_the_laws_that_bend_a_signal_leads_the_screen_in_open_loop(monkeypatch: Any) -> None:
+    """Three ways to bend the input of an arm left no refit for its weight, which came next."""
+
+    def trial(label: str, site: str, of_signal: bool, is_dynamic: bool = False) -> Any:
+        kind = {"is_of_signal": of_signal, "is_dynamic": is_dynamic}
+        return SimpleNamespace(candidate=SimpleNamespace(label=label, site=site, **kind))
+
+    seen = (
+        trial("QuadraticGain", "u", True),
+        trial("OneSidedLimit", "u", True),
+        trial("Lag", "u", True, is_dynamic=True),
+        trial("Unbalance", "arm", False),
+        trial("CubicSpring", "arm", False),
+    )
+    monkeypatch.setattr(course_module, "trials", lambda *_: seen)
+    found = course_module._leaders_in_use(cast(Any, SimpleNamespace(entries=seen)))
+    assert [one.candidate.label for one in found] == ["QuadraticGain", "Lag", "Unbalance"]
