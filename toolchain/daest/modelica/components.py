@@ -33,6 +33,7 @@ _NO_COMPONENT = (
     *(*KINDS, "import", "extends", "annotation", "encapsulated", "partial", "expandable", "impure", "pure"),
     *("end", "equation", "algorithm", "initial"),
 )
+MOST_BASES = 30  # classes that extend each other, behind each other
 _MOST_STEPS = 30  # of short classes, bases and imports behind each other
 
 
@@ -107,6 +108,10 @@ class Classes:
                 return self._below(found, rest, steps) if dot else found
         return None
 
+    def base(self, name: str, heir: str) -> str | None:
+        """The full name of the class that class `heir` extends as `name`: one around it, else one inside."""
+        return self.resolved(name, heir.rpartition(".")[0]) or self.resolved(name, heir)
+
     def _below(self, name: str, rest: str, steps: int) -> str | None:
         found: str | None = name
         for part in rest.split("."):
@@ -149,7 +154,7 @@ class Classes:
             return around.components[name]
         bases = [around.alias] if around.alias else around.bases
         for base in bases:
-            full = self.resolved(base, scope.rpartition(".")[0]) or self.resolved(base, scope)
+            full = self.base(base, scope)
             found = None if full is None else self.component(name, full, steps + 1)
             if found is not None:
                 return found

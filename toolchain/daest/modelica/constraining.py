@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from daest.errors import ModelError
-from daest.modelica.components import Classes, ClassText
+from daest.modelica.components import MOST_BASES, Classes, ClassText
 from daest.modelica.modification_trees import Change, changes, merged, written
 from daest.modelica.modifications import check_redeclared_names
 from daest.modelica.nested_modifications import Modification, class_around, modifications, overwritten
@@ -32,7 +32,6 @@ from daest.modelica.outline import (
 )
 
 _WORDS = ("true", "false")
-_MOST_BASES = 30
 
 
 def with_constraining_modifications(text: bytes) -> bytes:
@@ -144,7 +143,7 @@ def _modified_class(one: Modification, heads: Sequence[ClassHead], classes: Clas
     """The class that is extended, or that of the component that is declared."""
     scope = class_around(heads, one.words[0].start)
     if one.base:
-        full = classes.resolved(one.base, scope.rpartition(".")[0]) or classes.resolved(one.base, scope)
+        full = classes.base(one.base, scope)
         return classes.get(full) if full and full != scope else None
     named = next(
         one.head[i].text
@@ -186,9 +185,9 @@ def _constraints_of(name: str, around: ClassText, classes: Classes, steps: int =
         at = next((i for i, word in enumerate(own.words) if word.text == "constrainedby"), None)
         return () if at is None else _constraints(own.words, at)
     for base in [around.alias] if around.alias else around.bases:
-        full = classes.resolved(base, around.name.rpartition(".")[0]) or classes.resolved(base, around.name)
+        full = classes.base(base, around.name)
         below = None if full is None else classes.get(full)
-        if below is not None and steps < _MOST_BASES:
+        if below is not None and steps < MOST_BASES:
             found = _constraints_of(name, below, classes, steps + 1)
             if found:
                 return found

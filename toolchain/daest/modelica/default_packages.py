@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 
-from daest.modelica.components import Classes, ClassText, Declared, statements
+from daest.modelica.components import MOST_BASES, Classes, ClassText, Declared, statements
 from daest.modelica.nested_modifications import bases_of
 from daest.modelica.outline import (
     KINDS,
@@ -25,7 +25,6 @@ from daest.modelica.outline import (
 
 _PACKAGE = re.compile(rb"\bredeclare\s+(?:(?:final|each|replaceable)\s+)*package\s+([A-Za-z_]\w*)\s*=")
 _ALIAS = "Default__{}"
-_MOST_BASES = 30
 
 
 def with_default_packages(text: bytes, classes: Classes) -> bytes:
@@ -80,8 +79,8 @@ def _defaults(around: ClassText, classes: Classes, steps: int = 0) -> dict[str, 
     """The replaceable classes of a class, with their kinds, and the full names of what they are; empty where
     that is modified."""
     found: dict[str, str] = {}
-    for base, words in bases_of(around) if steps < _MOST_BASES else ():
-        full = classes.resolved(base, around.name.rpartition(".")[0]) or classes.resolved(base, around.name)
+    for base, words in bases_of(around) if steps < MOST_BASES else ():
+        full = classes.base(base, around.name)
         below = None if full is None or full == around.name else classes.get(full)
         found |= {} if below is None else _defaults(below, classes, steps + 1)
         for one in arguments(words, 0) if words else ():

@@ -10,11 +10,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from daest.modelica.components import Classes
+from daest.modelica.components import MOST_BASES, Classes
 from daest.modelica.outline import Edit, class_heads, edited
 
 _BEHIND = re.compile(rb'[A-Za-z_]\w*(?:\s*"(?:[^"\\]|\\.)*")?')
-_MOST_BASES = 30  # behind each other
 
 
 def fits(classes: Classes, name: str, wanted: str) -> bool:
@@ -27,7 +26,7 @@ def fits(classes: Classes, name: str, wanted: str) -> bool:
 def _components(classes: Classes, name: str, steps: int = 0) -> set[str]:
     """The names of the components that a class declares or inherits."""
     found = classes.get(name)
-    if found is None or steps > _MOST_BASES:
+    if found is None or steps > MOST_BASES:
         return set()
     bases = (classes.resolved(base, name.rpartition(".")[0]) for base in found.bases)
     return set(found.components).union(*(_components(classes, one, steps + 1) for one in bases if one))

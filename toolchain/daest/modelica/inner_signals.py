@@ -17,7 +17,7 @@ import numpy as np
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
-from daest.modelica.balances import own_laws, slopes_near_start
+from daest.modelica.balances import balances, own_laws, slopes_near_start
 from daest.quantities import is_of
 
 _UNITS: dict[str, Domain] = {
@@ -31,11 +31,9 @@ _UNITS: dict[str, Domain] = {
 
 @dataclass(frozen=True)
 class InnerSignal:
-    """Unknown `variable`, which equation `row` gives; the rows `uses` use it, connections alone where it is
-    the output of a block."""
+    """Unknown `variable`; the rows `uses` use it, connections alone where it is the output of a block."""
 
     variable: int
-    row: int
     uses: tuple[int, ...]
 
     def name(self, flat: FlatModel) -> str:
@@ -46,8 +44,9 @@ def inner_signals(
     flat: FlatModel, domains: Collection[Domain], taken: Collection[str]
 ) -> tuple[InnerSignal, ...]:
     """The signals inside of the model, whose places of other kinds are in these `domains`; variables called
-    as in `taken` are places already."""
+    as in `taken` are places already, but for what may be a command as well as a force."""
     laws = _Laws(flat)
+    taken = {*taken} - laws.commands() | {*flat.output_names}
     blocks, own = _outputs_of_blocks(flat), {*own_laws(flat)}
     found: list[InnerSignal] = []
     for variable, row in (*laws.given.items(), *laws.integrated.items()):
@@ -55,7 +54,7 @@ def inner_signals(
         is_block = name in blocks
         if name in taken or not (is_block or (row in own and variable in laws.given and "." not in name)):
             continue
-        signal = InnerSignal(variable, row, laws.uses(variable, row, is_block))
+        signal = InnerSignal(variable, laws.uses(variable, row, is_block))
         if laws.is_taken_further(signal) and _is_own(flat, signal, is_block, laws, domains):
             found.append(signal)
     kept = {one.variable for one in found}
@@ -87,19 +86,20 @@ class _Laws:
 
     def __init__(self, flat: FlatModel) -> None:
         self._flat, self._n = flat, flat.xi.numel()
-        slopes = slopes_near_start(flat)
+        self._slopes = slopes_near_start(flat)
         self._unknowns = _used(flat.residual, ca.vertcat(flat.xi, flat.derivatives))
         self._inputs = _used(flat.residual, flat.u)
         self._rows = _turned(self._unknowns)
         self._shown = set().union(*_used(flat.output_expressions, flat.xi))
-        self.given = self._given(slopes)
+        self.given = self._given()
         self.integrated = self._integrated()
         self._made = {row: variable for variable, row in self.given.items()}
 
-    def _given(self, slopes: np.ndarray) -> dict[int, int]:
-        """Unknown -> the row without derivatives that is written `unknown = …`, or connects it to what is
-        given; not for the rate of another unknown."""
-        flat, number = self._flat, {v.name: i for i, v in enumerate(self._flat.unknowns)}
+    def _given(self) -> dict[int, int]:
+        """Unknown -> the row without derivatives that is written `unknown = …`; not for the rate of another
+        unknown."""
+        flat, slopes = self._flat, self._slopes
+        number = {v.name: i for i, v in enumerate(flat.unknowns)}
         rates = {_rate(row) for row in slopes}
         found: dict[int, int] = {}
         for row, equation in enumerate(flat.equations):
@@ -115,6 +115,19 @@ class _Laws:
         number = {f"der({v.name})": i for i, v in enumerate(self._flat.unknowns)}
         lefts = (equation.text.partition(" = ")[0] for equation in self._flat.equations)
         return {number[left]: row for row, left in enumerate(lefts) if left in number}
+
+    def commands(self) -> set[str]:
+        """Names of the variables that a law gives which is made of an input and of the position and the speed
+        of a body, but not of the speed of that input, as a spring and damper between the two would be: they
+        may be what a controller says."""
+        bodies = [{body.variable, body.position} for body in balances(self._flat)]
+        found: set[str] = set()
+        for row in own_laws(self._flat):
+            used = self._unknowns[row]
+            is_moved = self._inputs[row] and max(used, default=0) < self._n
+            if is_moved and any(body <= used for body in bodies):
+                found |= {self._flat.unknowns[i].name for i in used if abs(self._slopes[row, i]) == 1.0}
+        return found
 
     def uses(self, variable: int, row: int, is_block: bool) -> tuple[int, ...]:
         """The rows that use an unknown which `row` gives: of a block those of connections."""

@@ -126,21 +126,6 @@ def internal_forces(flat: FlatModel) -> list[InternalForce]:
     return found
 
 
-def commands(flat: FlatModel) -> set[str]:
-    """Names of the variables that a law gives which is made of an input and of the position and the speed of
-    a body, but not of the speed of that input, as a spring and damper between the two would be: they may be
-    what a controller says."""
-    bodies, slopes = balances(flat), slopes_near_start(flat)
-    found: set[str] = set()
-    for row in own_laws(flat):
-        law = flat.residual[row]
-        used = set(np.flatnonzero(ca.which_depends(law, flat.xi, 1, False)).tolist())
-        is_moved = ca.depends_on(law, flat.u) and not ca.depends_on(law, flat.derivatives)
-        if is_moved and any({body.variable, body.position} <= used for body in bodies):
-            found |= {flat.unknowns[i].name for i in used if abs(slopes[row, i]) == 1.0}
-    return found
-
-
 def _given_by_equations(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
     slopes = slopes_near_start(flat)
     rows = {body.row for body in bodies}

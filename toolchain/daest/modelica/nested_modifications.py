@@ -20,7 +20,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from daest.modelica.components import Classes, ClassText
+from daest.modelica.components import MOST_BASES, Classes, ClassText
 from daest.modelica.modification_trees import Change, Style, change, changes, merged, over, written
 from daest.modelica.outline import (
     KINDS,
@@ -51,7 +51,6 @@ _NO_DECLARATION = (
 )
 _COMPONENT: tuple[Style, ...] = ("together", "apart")
 _EXTENDS: tuple[Style, ...] = ("apart", "packed", "apart")
-_MOST_BASES = 30  # behind each other
 
 
 def with_taken_modifications(text: bytes, classes: Classes) -> bytes:
@@ -160,7 +159,7 @@ class _Rewriter:
 
     def _class(self, name: str, scope: str) -> ClassText | None:
         """The class that `name` means where class `scope` extends it."""
-        full = self.classes.resolved(name, scope.rpartition(".")[0]) or self.classes.resolved(name, scope)
+        full = self.classes.base(name, scope)
         return None if full is None or full == scope else self.classes.get(full)
 
     def _said(self, name: str, around: ClassText, steps: int = 0) -> tuple[Change, ...]:
@@ -172,7 +171,7 @@ class _Rewriter:
         found: tuple[Change, ...] = ()
         for base, words in bases_of(around):
             below = self._class(base, around.name)
-            if below is not None and steps < _MOST_BASES:
+            if below is not None and steps < MOST_BASES:
                 own = next((one.inner for one in changes(words) if one.name == name), ())
                 found = merged((*found, *self._said(name, below, steps + 1), *own))
         return found

@@ -73,7 +73,7 @@ def _is_redeclaration(one: Change) -> bool:
 def _class(one: Modification, scope: str, classes: Classes) -> str | None:
     """The full name of the class that is modified."""
     if one.base:
-        return classes.resolved(one.base, scope.rpartition(".")[0]) or classes.resolved(one.base, scope)
+        return classes.base(one.base, scope)
     outside = [one.head[i] for i, depth in depths(one.head) if depth == 0]
     component = classes.component([word.text for word in outside if word.kind == "name"][-1], scope)
     return None if component is None else classes.type_of(component)

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from daest.modelica.components import Classes, ClassText, Declared
+from daest.modelica.components import MOST_BASES, Classes, ClassText, Declared
 from daest.modelica.modification_trees import Change, changes
 from daest.modelica.nested_modifications import overwritten
 from daest.modelica.outline import Edit, Token, class_heads, edited, tokens
-
-_MOST_BASES = 30
 
 
 def with_record_values(text: bytes, classes: Classes) -> bytes:
@@ -73,8 +71,8 @@ def _constructor(name: str, full: str, modified: Sequence[Change], classes: Clas
 def _fields(record: ClassText, classes: Classes, steps: int = 0) -> dict[str, Declared]:
     """The fields of a record, those of its base classes included."""
     found = dict(record.components)
-    for base in record.bases if steps < _MOST_BASES else ():
-        full = classes.resolved(base, record.name.rpartition(".")[0]) or classes.resolved(base, record.name)
+    for base in record.bases if steps < MOST_BASES else ():
+        full = classes.base(base, record.name)
         below = None if full is None else classes.get(full)
         found |= {} if below is None else _fields(below, classes, steps + 1)
     return found

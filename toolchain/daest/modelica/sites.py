@@ -17,7 +17,7 @@ from daest.model.flat import FlatModel, Model
 from daest.modelica.balances import DOMAINS, Balance, balances, slopes_near_start
 from daest.modelica.connectors import Connector, connectors_of
 from daest.modelica.inner_signals import inner_signals
-from daest.modelica.internal_forces import commands, internal_forces
+from daest.modelica.internal_forces import internal_forces
 from daest.modelica.meshes import meshes
 from daest.modelica.place_units import balances_flows
 from daest.modelica.terminals import terminals
@@ -107,8 +107,7 @@ def _inside(flat: FlatModel, physical: Sequence[Site]) -> list[Site]:
     """Signals inside of a model, besides its `physical` places; not where events may switch them."""
     if flat.events is not None:
         return []
-    taken = {*flat.output_names, *(name for site in physical for name in (site.name, *site.aliases))}
-    taken -= commands(flat) - {*flat.output_names}
+    taken = {name for site in physical for name in (site.name, *site.aliases)}
     found = inner_signals(flat, {site.domain for site in physical}, taken)
     return [Site(one.name(flat), "signal", "signal") for one in found]
 
