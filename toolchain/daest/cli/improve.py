@@ -20,7 +20,7 @@ from daest.cli.options import (
     plot_option,
     split_data_options,
 )
-from daest.cli.output import emit, note, telling, write_text
+from daest.cli.output import IMPROVED, LEDGER, emit, note, telling, write_text
 from daest.cli.progress import progress
 from daest.errors import ConfigError, DaestError, Place
 from daest.files import passing_folder
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from daest.model.diagnosis import Improvement, Step
     from daest.model.holds import Hold
 
-FOLDER = "improve"
-LEDGER = "ledger.json"
 PICTURE = "staircase.png"
 TIME_LIMIT = 300.0  # seconds, after which models are still written and simulated
 CLOSE = 0.05  # relative difference of errors up to which a written model counts as the one that was fitted
@@ -93,7 +91,7 @@ def command(
     from daest.report.texts import improve as texts
 
     project = model_options.project()
-    folder = folder or project.results / FOLDER
+    folder = folder or project.results / IMPROVED
     _require_own(folder)
     case = opened(
         project,

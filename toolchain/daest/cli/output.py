@@ -25,6 +25,8 @@ UNWRITABLE = "output-unwritable"
 PIPE_WIDTH = 100
 CHOOSE_FOLDER = "choose a folder that can be written, with -o"
 LATEST = "fit.json"  # in the results folder: the fit that was made last
+IMPROVED = "improve"  # in the results folder: the models that were extended, and
+LEDGER = "ledger.json"  # what was added to them
 
 
 def to_json(document: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from daest.cli.options import ModelOptions, example, format_option, model_options
-from daest.cli.output import LATEST, emit, keep_inputs, note, write_text
+from daest.cli.output import IMPROVED, LATEST, LEDGER, emit, keep_inputs, note, write_text
 from daest.errors import ConfigError, DaestError, Place
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ DOCUMENTS = {
     "filter": ("filter.json", "filter"),
     "diagnosis": ("diagnosis.json", "diagnose"),
     "design": ("design.json", "design"),
-    "ledger": ("improve/ledger.json", "improve"),
+    "ledger": (f"{IMPROVED}/{LEDGER}", "improve"),
 }
 
 

@@ -19,7 +19,17 @@ import numpy as np
 
 from daest import __version__
 from daest.cache import hash_of
-from daest.cli.output import CHOOSE_FOLDER, LATEST, Document, note, to_json, whole_file, with_schema
+from daest.cli.output import (
+    CHOOSE_FOLDER,
+    IMPROVED,
+    LATEST,
+    LEDGER,
+    Document,
+    note,
+    to_json,
+    whole_file,
+    with_schema,
+)
 from daest.data.project import Project
 from daest.errors import ConfigError, Place
 from daest.estimation.fitted import with_fit_values
@@ -29,7 +39,6 @@ from daest.model.flat import FlatModel, Model
 from daest.model.holds import Hold, checked_hold
 
 KEPT_ELSEWHERE = "work in a copy of the project, in a folder that can be written"
-LEDGER = "improve/ledger.json"
 BY_MODEL = "fits"  # one fit per model, so that compare finds each one's
 
 
@@ -82,7 +91,7 @@ def find_fit(project: Project, source: Path, flat: Model) -> KeptFit | None:
 def last_hold(project: Project, names: Sequence[str]) -> Hold | None:
     """The hold of the inputs `names` in the last fit of any model of the project, or in the last search for
     what it lacks; None where there is none, it is of other inputs, or its file is damaged."""
-    files = [path for name in (LATEST, LEDGER) if (path := project.results / name).is_file()]
+    files = [path for name in (LATEST, f"{IMPROVED}/{LEDGER}") if (path := project.results / name).is_file()]
     for path in sorted(files, key=lambda path: -path.stat().st_mtime_ns):
         with suppress(ConfigError):
             hold = checked_hold(read_document(path).get("hold"), names, str(path))

@@ -577,10 +577,8 @@ def foreseen_by(evidence: Evidence, named: Proof | None, limit: float = GATES.ma
     found = [
         proof for proof, ratio in zip(others, ratios, strict=True) if ratio <= GATES.same_unseen_ratio * best
     ]
-    names, verb = (
-        _listed(tuple(dict.fromkeys(p.candidate.label for p in found))),
-        "foresees" if len({p.candidate.label for p in found}) == 1 else "foresee",
-    )
+    labels = tuple(dict.fromkeys(p.candidate.label for p in found))
+    names, verb = _listed(labels), "foresees" if len(labels) == 1 else "foresee"
     return (
         f" {names} {verb} the validation data far better (error times {best:.2g}) and may be what acts "
         f"there, although {found[0].reason}."

@@ -28,14 +28,8 @@ from daest.systems.integrate import interval_inputs
 NOISE_EVALUATIONS = 40  # of the simplex search over noise levels in each round
 NOISE_SPREAD = np.log(10.0)  # first step of that search
 NO_GAIN = 1e300  # stands for the value of levels without a gain; two infinities have no difference
-OPEN_SHARES = (
-    1.0,
-    0.9,
-    0.8,
-    0.7,
-    0.6,
-    0.5,
-)  # of the way back for the size of a noise that the gain leaves open
+# Of the way back for the size of a noise that the gain leaves open.
+OPEN_SHARES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
 SCAN = (0.0, -2.3, -4.6, -9.2, -13.8)  # logs of common factors that a search over noise levels tries first
 
 

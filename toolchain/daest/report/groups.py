@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import TypeVar
 
@@ -23,6 +23,12 @@ def component(origin: str, kind: str = "component") -> str:
 def owner(name: str) -> str:
     """The component that an unknown belongs to."""
     return name.partition(".")[0] if "." in name else TOP
+
+
+def of_component(parameters: Mapping[str, T], name: str) -> dict[str, T]:
+    """The parameters of component `name`, by their names in it."""
+    prefix = f"{name}."
+    return {n.removeprefix(prefix): p for n, p in parameters.items() if n.startswith(prefix)}
 
 
 def grouped(groups: Sequence[str]) -> list[int]:

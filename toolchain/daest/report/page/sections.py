@@ -10,7 +10,7 @@ from typing import Any
 
 from daest.model.flat import Model
 from daest.report.console import number
-from daest.report.groups import component, owner
+from daest.report.groups import component, of_component, owner
 from daest.report.page import plots
 from daest.report.page.material import Document, Material
 from daest.report.page.plots import Plot
@@ -353,8 +353,7 @@ def _sizes(step: Mapping[str, Any], model: Mapping[str, Any]) -> list[str]:
     """The parameters of the effect that a step added, as the `model` of a step has them."""
     if not step["component"]:
         return []
-    prefix = f"{step['component']}."
-    own = {n.removeprefix(prefix): p for n, p in model["parameters"].items() if n.startswith(prefix)}
+    own = of_component(model["parameters"], step["component"])
     return [f"{name} = {_with_error(p)}" for name, p in own.items()]
 
 

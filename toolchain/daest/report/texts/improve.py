@@ -9,6 +9,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from daest.report.console import as_text, heading, indented, number, table
+from daest.report.groups import of_component
 from daest.report.texts import diagnose
 
 
@@ -67,14 +68,15 @@ def _remarks(i: int, step: Mapping[str, Any]) -> Iterator[RenderableType]:
 
 def _in_the_end(steps: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
     """The sizes of the earlier effects beside the later ones."""
-    effects = [step for step in steps if step["added"]]
-    told = (f"{step['added']} at {step['at']}: {_sizes(step, steps[-1])}" for step in effects[:-1])
-    kept = [one for one in told if not one.endswith(": ")]
-    if kept:
-        yield indented(f"in the last model: {'; '.join(kept)}")
+    earlier = [step for step in steps if step["added"]][:-1]
+    told = [
+        f"{step['added']} at {step['at']}: {sizes}" for step in earlier if (sizes := _sizes(step, steps[-1]))
+    ]
+    if told:
+        yield indented(f"in the last model: {'; '.join(told)}")
 
 
 def _sizes(step: Mapping[str, Any], model: Mapping[str, Any]) -> str:
     """The parameters of the effect that a step has added, as the `model` of a step has them."""
-    own = {n: p for n, p in model["parameters"].items() if n.startswith(f"{step['component']}.")}
-    return ", ".join(diagnose.size(n.partition(".")[2], p) for n, p in own.items())
+    own = of_component(model["parameters"], step["component"])
+    return ", ".join(diagnose.size(name, p) for name, p in own.items())
