@@ -288,3 +288,15 @@ def test_lost_power_is_no_reason_to_leave_the_exact_way(monkeypatch):
     column = trial.variable_names.index
     current, power = (trial.simulated_variables[0][:, column(name)] for name in ("hot.i", "hot.LossPower"))
     assert power == pytest.approx(2.0 * (1.0 + 0.004 * (350.0 - 300.15)) * current**2, rel=1e-9)
+
+
+@pytest.mark.parametrize("is_start", [True, False])
+def test_size_of_the_noise_contradicts_a_model_only_where_it_is_more_than_the_start_of_an_estimate(is_start):
+    time, u, x = exact(2000)
+    y = x + 0.05 * np.random.default_rng(1).standard_normal(2000)
+    model = lag(noise_std=0.08)
+    model = replace(model, outputs=(replace(model.outputs[0], estimate_noise=is_start),))
+    trial = compare_models([Candidate("lag", model, 0, "zoh")], [experiment(time, u, y)]).models[0]
+    assert trial.verdict == ("not falsified" if is_start else "falsified")
+    assert ("y" in trial.tests["nis"]) is not is_start
+    assert any("no fit" in note for note in trial.notes) is is_start

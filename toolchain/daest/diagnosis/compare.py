@@ -133,7 +133,12 @@ def _model_trial(
         bic=float(candidate.n_parameters * np.log(n_values) - 2.0 * trial.log_likelihood),
         simulated=trial.simulated,
         predicted=trial.predicted,
-        notes=(*candidate.notes, *trial.notes, *_notes(trial, feedback, is_doubtful=not all(passed))),
+        notes=(
+            *candidate.notes,
+            *trial.notes,
+            *_not_asked(candidate, trial),
+            *_notes(trial, feedback, is_doubtful=not all(passed)),
+        ),
         tests=tests,
         feedback={name: with_limit(test, GATES.residual_level) for name, test in feedback.items()},
         verdict=None if not passed else ("not falsified" if all(passed) else "falsified"),
@@ -182,9 +187,27 @@ def _tests(
         candidate.parameter_cov if trial.slopes else None,
         acts_at_once=trial.acts_at_once,
         n_estimation=candidate.n_estimation,
-        known_noise=trial.known_noise,
+        known_noise=trial.known_noise & ~_to_estimate(candidate),
     )
     return residual_tests(sequences, names)
+
+
+def _to_estimate(candidate: Candidate) -> np.ndarray:
+    """Outputs (n_y,) whose noise is the start of an estimate that no fit has made: its size contradicts
+    nothing."""
+    no_fit = candidate.n_estimation is None
+    return np.array([no_fit and output.estimate_noise for output in candidate.flat.outputs], dtype=bool)
+
+
+def _not_asked(candidate: Candidate, trial: Trial) -> tuple[str, ...]:
+    """Says whose errors were not held against the size of the noise."""
+    names = np.array(candidate.flat.output_names)[trial.known_noise & _to_estimate(candidate)]
+    if not trial.residuals or not names.size:
+        return ()
+    return (
+        f"the noise of {', '.join(names)} is where an estimate would start, and no fit has made it: whether "
+        "errors have the predicted size is not asked (estimate = false says that the size is known)",
+    )
 
 
 def _signals(
