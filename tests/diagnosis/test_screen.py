@@ -20,13 +20,16 @@ from hidden_plants import (
     rubbing,
     some_effects,
 )
-from scipy.stats import kstest
+from scipy.stats import kstest, norm
 
 from daest.diagnosis.candidates import attachable, attached, pairs, with_shapes
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import loads_of
 from daest.diagnosis.screen import (
+    DRAWS,
+    TAIL,
     _followed,
+    _p_value,
     _responses,
     _without_sums,
     already_there,
@@ -288,3 +291,15 @@ def test_gain_that_runs_away_is_shortened():
     assert 0.0 < shares[0, 0] < 40.0
     assert np.all(np.abs(errors[0]) < GATES.observer_runaway * null.experiments[0].outputs.std(axis=0))
     assert _followed(null, follower, starts, run.gain)[0] is run.gain
+
+
+def test_corrected_p_values_go_on_beyond_the_draws_as_those_of_the_largest_of_many_scores():
+    n = 60
+    draws = np.abs(np.random.default_rng(5).standard_normal((DRAWS, n)))
+    largest = np.sort(draws.max(axis=1))
+    for p in (1e-3, 1e-5, 1e-9):
+        score = norm.isf(-np.expm1(np.log1p(-p) / n) / 2.0)
+        assert _p_value(score, largest) == pytest.approx(p, rel=0.35)
+    near = largest[-TAIL]
+    assert _p_value(near + 1e-9, largest) == pytest.approx(_p_value(near - 1e-9, largest), rel=0.02)
+    assert _p_value(60.0, largest) == 0.0 and _p_value(0.0, np.zeros(DRAWS)) == 1.0

@@ -41,6 +41,7 @@ from daest.systems.linearize import has_affine_dynamics
 from daest.systems.sensor_laws import slopes_along
 from daest.systems.tolerances import SOLVER
 
+TAIL = 100  # draws, the highest, beyond which the normal law extends the share above a score
 DRAWS = 20_000  # of the largest score under the null
 RTOL = 1e-4  # of a run of an observer: that of the refits, ...
 ATOL_OF_SCALE = 0.1  # ... with their absolute tolerance where the sizes of the states are known
@@ -744,14 +745,15 @@ def _largest(tests: Sequence[_Test], correlation: np.ndarray, seed: int) -> np.n
     root = vectors[:, kept] * np.sqrt(values[kept])
     draws = np.random.default_rng(seed).standard_normal((DRAWS, root.shape[1])) @ root.T
     scores = [test.score(draws) for test in tests if test.is_seen]
-    return np.sort(np.max(scores, axis=0)) if scores else np.zeros(1)
+    return np.sort(np.max(scores, axis=0)) if scores else np.zeros(DRAWS)
 
 
 def _p_value(score: float, largest: np.ndarray) -> float:
-    """Corrected p-value; beyond the draws, Bonferroni's bound with the effective number of candidates."""
+    """Corrected p-value; beyond the highest draws, Bonferroni's bound with the number of candidates at which
+    it meets the share of draws above the first of them."""
     above = largest.size - int(np.searchsorted(largest, score))
-    if above >= 20:
+    if above >= TAIL:
         return above / largest.size
-    median = float(np.median(largest))
-    effective = np.log(0.5) / np.log1p(-2 * norm.sf(median)) if median > 0.0 else 1.0
-    return float(min(1.0, effective * 2 * norm.sf(score)))
+    meeting = float(largest[-TAIL])
+    share = TAIL / largest.size
+    return float(min(share, share * norm.sf(score) / norm.sf(meeting)))
