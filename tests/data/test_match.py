@@ -198,3 +198,12 @@ def test_turns_in_a_minute_are_proposed_as_rpm():
     assert with_units(din, {"n": "rpm"}).columns[2].unit == "rpm"
     with pytest.raises(DataError, match="gives 'M' the unit 'Nm'"):
         with_units(din, {"M": "rpm"})
+
+
+def test_an_output_is_found_by_the_name_of_the_unknown_that_it_equals():
+    signals = [Signal("substrate", "mol/m3"), Signal("product", "mol/m3"), Signal("level", "m")]
+    columns = table("time", "S [mol/m3]", "P [mol/m3]", "L [K]")
+    equal = {"substrate": "S", "product": "P", "level": "L"}
+    how = "name of what it equals"
+    found = [(match.column, match.how) for match in match_columns(signals, columns, None, equal)]
+    assert found == [("S", how), ("P", how), (None, None)]

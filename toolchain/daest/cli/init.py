@@ -51,7 +51,7 @@ def command(
     tables = [read_table(path) for path in data]
     inputs = [Signal(v.name, v.unit) for v in flat.inputs]
     outputs = [Signal(y.name, y.unit) for y in flat.outputs]
-    matches = match_columns([*inputs, *outputs], tables[0], _described(flat)) if tables else []
+    matches = match_columns([*inputs, *outputs], tables[0], _described(flat), _equal(flat)) if tables else []
     draft = Draft(
         flat,
         _relative(model, file),
@@ -117,16 +117,21 @@ def _other_choice(source: Model, flat: Model) -> set[str]:
     }
 
 
+def _equal(flat: Model) -> dict[str, str]:
+    """What outputs are, by name: the expression in unknowns that they name (`y1 = T1`)."""
+    from daest.model.flat import FlatModel
+
+    if not isinstance(flat, FlatModel):
+        return {}
+    return {y.name: str(flat.output_expressions[i]) for i, y in enumerate(flat.outputs)}
+
+
 def _described(flat: Model) -> dict[str, str]:
     """What the model says in words of its inputs and outputs, by name; of an output that names an unknown
     (`y1 = T1`) what it says of that, too."""
-    from daest.model.flat import FlatModel
-
     of_unknowns = {v.name: f"{v.name} {v.description}" for v in flat.unknowns}
     inputs = {v.name: v.description for v in flat.inputs}
-    equal = {}
-    if isinstance(flat, FlatModel):
-        equal = {y.name: str(flat.output_expressions[i]) for i, y in enumerate(flat.outputs)}
+    equal = _equal(flat)
     outputs = {y.name: f"{y.description} {of_unknowns.get(equal.get(y.name, ''), '')}" for y in flat.outputs}
     return {**inputs, **outputs}
 

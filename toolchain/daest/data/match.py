@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -14,8 +14,17 @@ from daest.data.table import Column, Table, column_unit, stem, time_unit, told_u
 from daest.model.experiment import Finding
 from daest.quantities import converts, may_count_turns
 
-How = Literal["name", "similar name", "part of its name", "description", "unit", "being the only one left"]
+How = Literal[
+    "name",
+    "similar name",
+    "name of what it equals",
+    "part of its name",
+    "description",
+    "unit",
+    "being the only one left",
+]
 
+HOWS: tuple[How, ...] = get_args(How)[:-1]  # in their order; the last is asked of all signals together
 TELLING_LETTERS = (
     4  # a shorter word of a description (`of`, `the`) tells nothing; judgement, no study varied it
 )
@@ -41,9 +50,14 @@ def propose_time(table: Table) -> str | None:
     rising = [
         c for c in map(with_seconds, table.columns) if c.values.size > 1 and np.all(np.diff(c.values) > 0)
     ]
-    named = [c for c in rising if re.split(r"[\s_(\[]", c.name.lower())[0] in _TIME_NAMES]
+    named = [c for c in rising if is_called_time(c.name)]
     chosen = named or rising
     return chosen[0].name if len(chosen) == 1 else None
+
+
+def is_called_time(name: str) -> bool:
+    """Whether a column has one of the usual names of the time (`t`, `t [s]`, `elapsed_ms`)."""
+    return re.split(r"[\s_(\[]", name.lower())[0] in _TIME_NAMES
 
 
 def named_units(matches: Sequence[Match], table: Table) -> dict[str, str]:
@@ -80,14 +94,18 @@ def named_time_unit(table: Table) -> dict[str, str]:
 
 
 def match_columns(
-    signals: Sequence[Signal], table: Table, described: Mapping[str, str] | None = None
+    signals: Sequence[Signal],
+    table: Table,
+    described: Mapping[str, str] | None = None,
+    equal: Mapping[str, str] | None = None,
 ) -> list[Match]:
     """One proposal per signal: the column of the same name, else of the same name but for case or a trailing
-    unit (`position_m`), else the only free one whose name has the signal's in it (`goal_position` for `goal`)
-    and whose unit fits, else the one whose name has a word of what the model says of the signal (`T_office`
-    for "Office"), else the only free column of a fitting unit where no other signal has that unit.
-    Where one signal and one column are left in the end, they belong together unless their units differ in
-    kind. `described` holds the descriptions by signal."""
+    unit (`position_m`), else such a one of the unknown that it equals, else the only free one whose name has
+    the signal's in it (`goal_position` for `goal`) and whose unit fits, else the one whose name has a word of
+    what the model says of the signal (`T_office` for "Office"), else the only free column of a fitting unit
+    where no other signal has that unit. Where one signal and one column are left in the end, they belong
+    together unless their units differ in kind. `described` holds the descriptions by signal, `equal` the
+    names of the unknowns that signals equal."""
     proposed = propose_time(table)
     free = [
         column
@@ -95,7 +113,7 @@ def match_columns(
         if column.name and time_unit(column) is None and column.name != proposed and not column.texts
     ]
     found: dict[str, Match] = {}
-    for how in ("name", "similar name", "part of its name", "description", "unit"):
+    for how in HOWS:
         open_signals = [signal for signal in signals if signal.name not in found]
         if how == "description":
             pairs = _described_pairs(open_signals, free, described or {})
@@ -103,7 +121,9 @@ def match_columns(
             free = [column for column in free if all(column is not taken for _, taken in pairs)]
             continue
         for signal in open_signals:
-            fits = [column for column in free if _fits(signal, column, how, open_signals)]
+            same = (equal or {}).get(signal.name, signal.name)
+            meant = replace(signal, name=same) if how == "name of what it equals" else signal
+            fits = [column for column in free if _fits(meant, column, how, open_signals)]
             if len(fits) == 1:
                 found[signal.name] = Match(signal, fits[0].name, how)
                 free.remove(fits[0])
@@ -139,9 +159,10 @@ def _is_described(column: Column, description: str) -> bool:
 def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) -> bool:
     if how == "name":
         return signal.name in (column.name, column.header)
-    if how == "similar name":
+    if how in ("similar name", "name of what it equals"):
         names = {column.name.lower(), column.name.rsplit("_", 1)[0].lower(), stem(column).lower()}
-        return signal.name.lower() in names or signal.name.rsplit(".", 1)[-1].lower() in names
+        is_same = signal.name.lower() in names or signal.name.rsplit(".", 1)[-1].lower() in names
+        return is_same and (how == "similar name" or _may_be(signal, column))
     if how == "part of its name":
         is_part = _words(signal.name.rsplit(".", 1)[-1]) <= _words(stem(column))
         return is_part and _may_be(signal, column)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePath
 
-from daest.data.match import Match
+from daest.data.match import Match, is_called_time
 from daest.model.flat import Model
 from daest.model.parts import Parameter
 
@@ -65,7 +65,8 @@ def _data(draft: Draft) -> Iterator[str]:
     if draft.columns:
         yield f"# columns: {', '.join(draft.columns)}"
     if draft.time is not None:
-        yield f"time = {_text(draft.time)}  # found by its values: please check"
+        how = "name" if is_called_time(draft.time) else "values"
+        yield f"time = {_text(draft.time)}  # found by its {how}: please check"
     yield "# from, to [s], resample [s], detrend (none, mean, linear)"
     yield "# hold (zoh, foh, smooth, zoh(NAME, ...)): inputs between their samples"
     yield from _mapping("inputs", draft.inputs)
