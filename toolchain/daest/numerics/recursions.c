@@ -63,3 +63,39 @@ void daest_products(long m, long samples, long n, long p, const double *rows, co
 #undef OF
   }
 }
+
+static inline __attribute__((always_inline)) void congruences(long m, long steps, int n, const double *A,
+                                                              const double *drive, double *states) {
+  double back[MOST * MOST], left[MOST * MOST];
+  const long size = (long)n * n;
+  for (long k = 0; k < steps; ++k) {
+    const double *F = A + k * size;
+    turned(F, n, n, back);
+    for (long r = 0; r < m; ++r) {
+      const double *X = states + (r * (steps + 1) + k) * size, *M = drive + (r * steps + k) * size;
+      double *next = states + (r * (steps + 1) + k + 1) * size;
+      for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < n; ++j) left[i * n + j] = 0.0;
+        for (int l = 0; l < n; ++l)
+          for (int j = 0; j < n; ++j) left[i * n + j] += F[i * n + l] * X[l * n + j];
+      }
+      for (int i = 0; i < n; ++i) {
+        double row[MOST];
+        for (int j = 0; j < n; ++j) row[j] = M[i * n + j];
+        for (int l = 0; l < n; ++l)
+          for (int j = 0; j < n; ++j) row[j] += left[i * n + l] * back[l * n + j];
+        for (int j = 0; j < n; ++j) next[i * n + j] = row[j];
+      }
+    }
+  }
+}
+
+/* X[k+1] = A[k] X[k] A[k]' + drive[k] of m right-hand sides: A steps x n x n, drive m x steps x n x n, states m x (steps + 1)
+ * x n x n, of which the first of each is given. */
+void daest_congruences(long m, long steps, long n, const double *A, const double *drive, double *states) {
+  switch (n) {
+#define OF(size) case size: congruences(m, steps, size, A, drive, states); return;
+    OF(1) OF(2) OF(3) OF(4) OF(5) OF(6) OF(7) OF(8) OF(9) OF(10) OF(11) OF(12) OF(13) OF(14) OF(15) OF(16)
+#undef OF
+  }
+}

@@ -56,6 +56,23 @@ def varying_recursion(A: np.ndarray, drive: np.ndarray, x0: np.ndarray | float =
     return states
 
 
+def covariance_recursion(A: np.ndarray, drive: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Matrices (k, n_steps + 1, n, n) of X[i+1] = A[i] X[i] A[i]ᵀ + drive[i]: A (n_steps, n, n), drive (k,
+    n_steps, n, n), start (k, n, n)."""
+    k, n_steps, n = drive.shape[:3]
+    states = np.empty((k, n_steps + 1, n, n))
+    states[:, 0] = start
+    library = _library() if 0 < n <= MOST_COMPILED and k and n_steps else None
+    if library is None:
+        for i in range(n_steps):
+            states[:, i + 1] = A[i] @ states[:, i] @ A[i].T + drive[:, i]
+        return states
+    A, drive = (np.ascontiguousarray(part, dtype=float) for part in (A, drive))
+    sizes = (ctypes.c_long(size) for size in (k, n_steps, n))
+    library.daest_congruences(*sizes, pointer(A), pointer(drive), pointer(states))
+    return states
+
+
 def products_along(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     """Every row (k, m, n) by the matrix of its sample (m, p, n): (k, m, p)."""
     k, m, n = rows.shape
@@ -90,7 +107,8 @@ def _library() -> ctypes.CDLL | None:
     source = text_of("recursions.c")
     library = loaded(source, "recursions", (effort(source, "-O2"), *FAST, *processor_flags()))
     if library is not None:
-        library.daest_recursion.restype = library.daest_products.restype = None
+        for name in ("daest_recursion", "daest_products", "daest_congruences"):
+            getattr(library, name).restype = None
     return library
 
 
