@@ -239,14 +239,15 @@ def test_dropped_rows_are_predicted_exactly_on_the_grid():
     assert values[0] == pytest.approx(values[1], rel=1e-9)
 
 
-@pytest.mark.parametrize("hold", ["foh", "zoh"])
-def test_uneven_steps_at_once_are_those_sampled_one_by_one(hold, monkeypatch):
+@pytest.mark.parametrize("noisy", [False, True])
+@pytest.mark.parametrize(("hold", "scale"), [("foh", 0.1), ("zoh", 0.1), ("zoh", 1.0)])
+def test_uneven_steps_at_once_are_those_sampled_one_by_one(hold, scale, noisy, monkeypatch):
     rng = np.random.default_rng(4)
     family = hand.servo(TRUE)
     theta = theta_of(family, TRUE)
     ss = state_space(family, theta)
     slopes = state_space_derivatives(family, theta, ("c", "J2"))
-    time = np.cumsum(np.concatenate([[0.0], rng.uniform(0.02, 0.03, 30), [0.1, 0.11]]) * 0.1)
+    time = np.cumsum(np.concatenate([[0.0], rng.uniform(0.02, 0.03, 30), [0.1, 0.11]]) * scale)
     record = Record(
         "uneven",
         time,
@@ -256,9 +257,17 @@ def test_uneven_steps_at_once_are_those_sampled_one_by_one(hold, monkeypatch):
         None,
         np.arange(33),
     )
-    at_once = recursion(ss, record, hold, None, slopes)
+    noise = None
+    if noisy:
+        ss = replace(ss, G=rng.standard_normal((4, 2)), H=np.zeros((2, 2)))
+        slopes |= {"G": rng.standard_normal((2, 4, 2)), "H": np.zeros((2, 2, 2))}
+        moved = np.stack([np.zeros((2, 2)), np.eye(2)])
+        noise = NoiseLevels(2.0 * np.eye(2), moved, np.eye(2), np.zeros((2, 2, 2)), "white")
+    at_once = recursion(ss, record, hold, noise, slopes)
+    assert at_once.Q.any() == noisy
     monkeypatch.setattr("daest.estimation.linear_predictors.sample_steps", lambda *_: None)
-    one_by_one = recursion(ss, record, hold, None, slopes)
+    one_by_one = recursion(ss, record, hold, noise, slopes)
+    assert np.array_equal(at_once.R, one_by_one.R)
     for name in ("Phi", "now", "following", "drift", "Q", "S12"):
         assert np.allclose(getattr(at_once, name), getattr(one_by_one, name), rtol=1e-10, atol=1e-13)
     for name in ("transition", "input_now", "input_next", "drift", "process_cov", "cross_cov"):

@@ -8,7 +8,6 @@ from scipy.signal import lfilter
 
 from daest.numerics import recursions
 from daest.numerics.recursions import (
-    covariance_recursion,
     linear_recursion,
     products_along,
     varying_recursion,
@@ -105,16 +104,3 @@ def test_matrices_that_vary_equal_the_plain_loop(engine):
         C = rng.standard_normal((61, n_y, n))
         expected = np.einsum("kyn,rkn->rky", C, states)
         np.testing.assert_allclose(products_along(states, C), expected, rtol=1e-12, atol=1e-12)
-
-
-@pytest.mark.parametrize("n", [1, 4, 16, 17])
-def test_covariances_of_steps_that_differ_equal_the_plain_loop(engine, n):
-    rng = np.random.default_rng(n)
-    A = 0.5 * rng.standard_normal((60, n, n)) / np.sqrt(n)
-    drive, start = rng.standard_normal((3, 60, n, n)), rng.standard_normal((3, n, n))
-    found = covariance_recursion(A, drive, start)
-    expected = start
-    for i in range(60):
-        expected = np.einsum("ij,kjl,ml->kim", A[i], expected, A[i]) + drive[:, i]
-        assert found[:, i + 1] == pytest.approx(expected, rel=1e-9, abs=1e-12)
-    assert np.array_equal(found[:, 0], start)

@@ -5,7 +5,8 @@ import warnings
 import numpy as np
 import pytest
 
-from daest.numerics.riccati import filter_riccati, unobservable_subspace
+from daest.numerics import recursions
+from daest.numerics.riccati import NoiseModel, filter_riccati, unobservable_subspace, varying_gains
 
 UNIT = 1e6  # of the third state: a slope of the second that is counted in millionths
 
@@ -27,3 +28,39 @@ def test_what_no_output_sees_is_found_once_for_one_model():
     assert hidden[:, 0] / hidden[0, 0] == pytest.approx([1.0, 0.0], abs=1e-12)
     assert unobservable_subspace(Phi.copy(), C.copy())[1] is hidden
     assert unobservable_subspace(Phi, C[:, ::-1])[1].shape == (2, 0)
+
+
+@pytest.mark.parametrize("varies", [False, True])
+@pytest.mark.parametrize(("n", "n_y"), [(1, 1), (4, 2), (5, 3), (2, 16)])
+def test_compiled_slopes_of_varying_gains_are_those_of_the_plain_steps(n, n_y, varies, monkeypatch):
+    rng = np.random.default_rng(10 * n + n_y)
+    p, n_samples = 3, 40
+    steps = (n_samples - 1,) if varies else ()
+
+    def covariance(size, *lead):
+        root = rng.standard_normal((*lead, size, size))
+        return root @ np.swapaxes(root, -1, -2)
+
+    noise = NoiseModel(
+        0.5 * rng.standard_normal((*steps, n, n)) / np.sqrt(n),
+        rng.standard_normal((n_y, n)),
+        covariance(n, *steps),
+        covariance(n_y) + np.eye(n_y),
+        0.1 * rng.standard_normal((*steps, n, n_y)),
+    )
+    change = NoiseModel(
+        rng.standard_normal((p, *steps, n, n)),
+        rng.standard_normal((p, n_y, n)),
+        covariance(n, p, *steps),
+        covariance(n_y, p),
+        rng.standard_normal((p, *steps, n, n_y)),
+    )
+    observed = rng.random((n_samples, n_y)) > 0.2
+    start = np.eye(n), covariance(n, p)
+    compiled, moved = varying_gains(noise, change, observed, *start)
+    monkeypatch.setattr(recursions, "_library", lambda: None)
+    plain, expected = varying_gains(noise, change, observed, *start)
+    for found, known in ((moved.K, expected.K), (moved.S, expected.S), (moved.P, expected.P)):
+        assert found.shape == known.shape
+        assert np.allclose(found, known, rtol=1e-9, atol=1e-9 * np.max(np.abs(known)))
+    assert np.allclose(compiled.K, plain.K)

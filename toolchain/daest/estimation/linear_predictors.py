@@ -27,6 +27,7 @@ from daest.estimation.records import Record, observed_counts
 from daest.estimation.search import Objective
 from daest.model.holds import Hold
 from daest.model.linear import StateSpace, StateSpaceFamily
+from daest.numerics.exponential import near_periods
 from daest.numerics.recursions import linear_recursion, varying_recursion
 from daest.numerics.riccati import (
     Gains,
@@ -116,7 +117,7 @@ def recursion(
     if record.period is not None or record.n_samples < 2:
         return _one_step(ss, record.period or 1.0, hold, noise, derivatives)
     steps = np.diff(record.time)
-    found = _at_once(ss, steps, hold, derivatives) if noise is None else None
+    found = _at_once(ss, steps, hold, noise, derivatives)
     if found is not None:
         return found
     nodes, weights = _interpolation(steps)
@@ -301,18 +302,28 @@ def _octaves(steps: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
 
 
 def _at_once(
-    ss: StateSpace, steps: np.ndarray, hold: Hold, derivatives: dict[str, np.ndarray] | None
+    ss: StateSpace,
+    steps: np.ndarray,
+    hold: Hold,
+    noise: NoiseLevels | None,
+    derivatives: dict[str, np.ndarray] | None,
 ) -> Recursion | None:
-    """The recursion without noise over uneven steps, from series about one step of every octave; None where
-    those do not do."""
-    octaves, which = _octaves(steps)
-    parts = [sample_steps(ss, octave, hold, derivatives) for octave in octaves]
-    known = [part for part in parts if part is not None]
-    if len(known) < len(parts):
+    """The recursion over uneven steps, from series about a few of them; None where those do not do."""
+    if noise is not None and noise.sampled != "white":
         return None
-    Phi, now, following, drift = (
+    octaves, which = _octaves(steps)
+    levels = () if noise is None else (noise.intensity, noise.intensity_slope)
+
+    known = []
+    for octave in octaves:
+        for periods in near_periods(ss.A, octave):
+            part = sample_steps(ss, periods, hold, derivatives, *levels)
+            if part is None:
+                return None
+            known.append(part)
+    Phi, now, following, drift, Q = (
         np.concatenate([getattr(part, name) for part in known])[which]
-        for name in ("transition", "input_now", "input_next", "drift")
+        for name in ("transition", "input_now", "input_next", "drift", "process_cov")
     )
     slopes = [part.slopes for part in known if part.slopes is not None]
     slope = None
@@ -321,6 +332,8 @@ def _at_once(
             name: np.concatenate([getattr(one, name) for one in slopes], axis=1)[:, which]
             for name in DYNAMIC_SLOPES
         }
+        if noise is not None:
+            changes["measurement_cov"] = noise.measurement_slope
         slope = _with(slopes[0], **changes)
     n_y, n = ss.C.shape
     return Recursion(
@@ -331,8 +344,8 @@ def _at_once(
         C=ss.C,
         D=ss.D,
         d=ss.d,
-        Q=np.zeros((steps.size, n, n)),
-        R=np.zeros((n_y, n_y)),
+        Q=Q,
+        R=np.zeros((n_y, n_y)) if noise is None else noise.measurement_cov,
         S12=np.zeros((steps.size, n, n_y)),
         is_constant=False,
         slope=slope,

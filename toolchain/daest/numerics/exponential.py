@@ -22,6 +22,7 @@ SHORT_STEP_NORM = 0.5  # ‖A h‖₁ up to which Van Loan's block is evaluated 
 LARGE = 100  # states from which on series and doublings of the parts replace exponentials of block matrices
 TERMS = 16  # of the series at ‖A h‖₁ = SHORT_STEP_NORM: the next is 1e-19
 LONGEST_REACH = 2.0  # |A| times what a period differs by, up to which a series takes it from one to the other
+MOST_PARTS = 8  # in which near periods are taken so: with more, exponentials of each cost as little
 MOST_TERMS = 32  # of that series
 LAST_TERM = -39.0  # logarithm of the first term that is left out
 NODES = 10  # of the Gauss quadrature of the covariance over a short step, exact to degree 19
@@ -106,6 +107,60 @@ class Beside:
         first = _frechet(self._block, direction)[:, :n]
         return self._unpacked(first @ self._factors[:, None] + self._whole @ change)
 
+    def covariances(self, Q: np.ndarray) -> np.ndarray:
+        """`covariance_integral` of Q (n, n) over every period, (k, n, n): what the middle one has, and what
+        the series adds, Σ δ^(j+1)/(j+1)! Lʲ(Q) with L(X) = A X + X Aᵀ, carried on by Φ of the middle one."""
+        inner = Q / np.outer(self.size, self.size)
+        middle = _covariance_by_doubling(self._rates, inner, self.period)
+        grown = self._of_series(np.array(self._series(inner)))
+        return self._covariance_in_units(middle + self._transition @ grown @ self._transition.T)
+
+    def covariance_derivatives(self, Q: np.ndarray, dA: np.ndarray, dQ: np.ndarray) -> np.ndarray:
+        """`covariance_integral_derivatives` in the directions (dA, dQ), both (p, n, n), over every period,
+        (k, p, n, n)."""
+        n, units = self.A.shape[0], np.outer(self.size, self.size)
+        inner, dinner = Q / units, dQ / units
+        turned = dA * self.size / self.size[:, None]
+        middle = _covariance_derivatives(self._rates, inner, turned, dinner, self.period)
+        series = self._series(inner)
+        changes, moved = [dinner * self.period], turned * self.period
+        for j, term in enumerate(series[:-1], start=1):
+            half = (moved @ term + self.A @ changes[-1]) / (j + 1)
+            changes.append(half + _transposed(half))
+        direction = np.zeros((dA.shape[0], *self._block.shape))
+        direction[:, :n, :n] = moved
+        dtransition = _frechet(self._block, direction)[:, :n, :n]
+        grown = self._of_series(np.array(series))[:, None]
+        dgrown = self._of_series(np.array(changes))
+        half = dtransition @ grown @ self._transition.T
+        change = half + _transposed(half) + self._transition @ dgrown @ self._transition.T
+        return self._covariance_in_units(middle + change)
+
+    def _series(self, Q: np.ndarray) -> list[np.ndarray]:
+        """Lʲ(Q) / (j + 1)! in units of the middle period, as many as `_terms` has."""
+        found = [Q * self.period]
+        for j in range(1, len(self._terms)):
+            half = self.A @ found[-1] / (j + 1)
+            found.append(half + half.T)
+        return found
+
+    def _of_series(self, terms: np.ndarray) -> np.ndarray:
+        """Their sums (k, ...) over the relative differences of the periods."""
+        powers = self._powers * (self.relative - 1.0)[:, None]
+        return np.asarray(powers @ terms.reshape(len(terms), -1)).reshape(-1, *terms.shape[1:])
+
+    def _covariance_in_units(self, covariance: np.ndarray) -> np.ndarray:
+        return np.outer(self.size, self.size) * (covariance + _transposed(covariance)) / 2
+
+    @cached_property
+    def _rates(self) -> np.ndarray:
+        return self.A / self.period
+
+    @cached_property
+    def _transition(self) -> np.ndarray:
+        """Φ of the middle period."""
+        return self._whole[:, : self.A.shape[0]]
+
     @cached_property
     def _block(self) -> np.ndarray:
         return _augmented(self.A, self.count)
@@ -153,6 +208,18 @@ def beside(A: np.ndarray, periods: np.ndarray, count: int = STRAIGHT) -> Beside 
     period = float(np.min(periods) + np.max(periods)) / 2.0
     found = Beside(scaled * period, size, period, periods / period, count)
     return found if _reach(found.A, found.relative) <= LONGEST_REACH else None
+
+
+def near_periods(A: np.ndarray, periods: np.ndarray) -> list[np.ndarray]:
+    """Ascending `periods` (k,) [s] in as many parts as `beside` needs for A (n, n) [1/s]: one, where that is
+    so many that none would be saved."""
+    scaled, _ = balanced(A)
+    middle = float(periods[0] + periods[-1]) / 2.0
+    reach = _reach(scaled * middle, periods / middle)
+    if not LONGEST_REACH < reach <= LONGEST_REACH * min(MOST_PARTS, periods.size / 2):
+        return [periods]
+    edges = np.linspace(periods[0], periods[-1], math.ceil(1.01 * reach / LONGEST_REACH) + 1)[1:-1]
+    return [part for part in np.split(periods, np.searchsorted(periods, edges)) if part.size]
 
 
 def _reach(A: np.ndarray, relative: np.ndarray) -> float:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -56,21 +57,51 @@ def varying_recursion(A: np.ndarray, drive: np.ndarray, x0: np.ndarray | float =
     return states
 
 
-def covariance_recursion(A: np.ndarray, drive: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Matrices (k, n_steps + 1, n, n) of X[i+1] = A[i] X[i] A[i]ᵀ + drive[i]: A (n_steps, n, n), drive (k,
-    n_steps, n, n), start (k, n, n)."""
-    k, n_steps, n = drive.shape[:3]
-    states = np.empty((k, n_steps + 1, n, n))
-    states[:, 0] = start
-    library = _library() if 0 < n <= MOST_COMPILED and k and n_steps else None
-    if library is None:
-        for i in range(n_steps):
-            states[:, i + 1] = A[i] @ states[:, i] @ A[i].T + drive[:, i]
-        return states
-    A, drive = (np.ascontiguousarray(part, dtype=float) for part in (A, drive))
-    sizes = (ctypes.c_long(size) for size in (k, n_steps, n))
-    library.daest_congruences(*sizes, pointer(A), pointer(drive), pointer(states))
-    return states
+@dataclass(frozen=True)
+class GainChange:
+    """What the gains of a time-varying Kalman filter change by in p directions, with the matrices that they
+    come from; C (n_y, n) of all outputs, those that were not `observed` (n_samples, n_y) count as cleared.
+
+    Φ, and the slopes of Φ, Q and S12, are constant or have an axis of n_samples - 1 steps in front of the
+    matrix; slopes have p in front of all. K, S and P are those of every sample, `start` (p, n, n) is the
+    slope of the first P.
+    """
+
+    Phi: np.ndarray
+    C: np.ndarray
+    dPhi: np.ndarray
+    dC: np.ndarray
+    dQ: np.ndarray
+    dR: np.ndarray
+    dS12: np.ndarray
+    observed: np.ndarray
+    K: np.ndarray
+    S: np.ndarray
+    P: np.ndarray
+    start: np.ndarray
+
+    def compiled(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Slopes of K (p, n_samples, n, n_y), S (p, n_samples, n_y, n_y) and P (p, n_samples, n, n); None
+        without a C compiler, or for more states or outputs than that is made for."""
+        (n_samples, n, n_y), p = self.K.shape, len(self.start)
+        fits = 0 < max(n, n_y) <= MOST_COMPILED and p > 0 and n_samples > 1
+        library = _library() if fits else None
+        if library is None:
+            return None
+        dK, dS, dP = (np.empty((p, n_samples, *size)) for size in ((n, n_y), (n_y, n_y), (n, n)))
+        dP[:, 0] = self.start
+        parts = (self.Phi, self.C, self.dPhi, self.dC, self.dQ, self.dR, self.dS12)
+        tables = [np.ascontiguousarray(part, dtype=float) for part in parts]
+        made = [np.ascontiguousarray(part, dtype=float) for part in (self.K, np.linalg.inv(self.S), self.P)]
+        varies = np.array(
+            [self.Phi.ndim > 2, *(x.ndim > 3 for x in (self.dPhi, self.dQ, self.dS12))], dtype=int
+        )
+        seen = np.ascontiguousarray(self.observed, dtype=np.uint8)
+        library.daest_gain_slopes(
+            *(ctypes.c_long(size) for size in (p, n_samples, n, n_y)),
+            *map(pointer, (*tables, varies, seen, *made, dP, dS, dK)),
+        )
+        return dK, dS, dP
 
 
 def products_along(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
@@ -107,7 +138,7 @@ def _library() -> ctypes.CDLL | None:
     source = text_of("recursions.c")
     library = loaded(source, "recursions", (effort(source, "-O2"), *FAST, *processor_flags()))
     if library is not None:
-        for name in ("daest_recursion", "daest_products", "daest_congruences"):
+        for name in ("daest_recursion", "daest_products", "daest_gain_slopes"):
             getattr(library, name).restype = None
     return library
 

@@ -27,7 +27,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 
 from daest.numerics.exponential import balanced
 from daest.numerics.kalman_pass import StepMatrices, kalman_steps
-from daest.numerics.recursions import covariance_recursion
+from daest.numerics.recursions import GainChange
 
 RESIDUAL_TOLERANCE = 1e-8  # of a Riccati solution, relative to the size of its terms
 STABILITY_MARGIN = 1e-12  # a closed loop with a pole beyond 1 - this does not forget its start
@@ -293,18 +293,32 @@ def varying_gains(
     For a given gain the change of P obeys dP[k+1] = F dP[k] Fᵀ + M[k], F = Φ - K C, since P is stationary in
     K; only this recursion and that of P itself go sample by sample.
     """
-    n_samples = observed.shape[0]
     value = _varying_values(noise, observed, P0)
+    matrices = (noise.Phi, noise.C, change.Phi, change.C, change.Q, change.R, change.S12)
+    found = GainChange(*matrices, observed, value.K, value.S, value.P, dP0).compiled()
+    return value, Gains(*found) if found is not None else _varying_slopes(noise, change, observed, value, dP0)
+
+
+def _varying_slopes(
+    noise: NoiseModel, change: NoiseModel, observed: np.ndarray, value: Gains, dP0: np.ndarray
+) -> Gains:
+    """The derivatives of `varying_gains` sample by sample."""
+    n_samples, n = observed.shape[0], dP0.shape[1]
     now, d_now = _per_sample(noise, observed, 0), _per_sample(change, observed, 1)
     K, P = value.K, value.P
     closed = now.Phi - K @ now.C
     half = (d_now.Phi - K @ d_now.C) @ P @ _t(closed) - d_now.S12 @ _t(K)
     forcing = half + _t(half) + d_now.Q + K @ d_now.R @ _t(K)
-    dP = covariance_recursion(closed[: n_samples - 1], forcing[:, : n_samples - 1], dP0)
+    dP = np.empty((n_samples, change.Phi.shape[0], n, n))
+    dP[0] = dP0
+    steps = np.ascontiguousarray(np.swapaxes(forcing, 0, 1))
+    for k in range(n_samples - 1):
+        dP[k + 1] = closed[k] @ dP[k] @ closed[k].T + steps[k]
+    dP = np.swapaxes(dP, 0, 1)
     dPC = dP @ _t(now.C) + P @ _t(d_now.C)
     dS = d_now.C @ P @ _t(now.C) + now.C @ dPC + d_now.R
     dK = d_now.Phi @ P @ _t(now.C) + now.Phi @ dPC + d_now.S12 - K @ dS
-    return value, Gains(dK @ np.linalg.inv(value.S), dS, dP)
+    return Gains(dK @ np.linalg.inv(value.S), dS, dP)
 
 
 def _varying_values(noise: NoiseModel, observed: np.ndarray, P0: np.ndarray) -> Gains:

@@ -167,32 +167,48 @@ def sample_derivatives(
 
 @dataclass(frozen=True)
 class SampledSteps:
-    """A model without noise, sampled with k periods: fields as those of DiscreteModel with an axis of k.
-    `slopes` has an axis of k behind that of the directions in what depends on the period."""
+    """A model sampled with k periods: fields as those of DiscreteModel with an axis of k. `slopes` has an
+    axis of k behind that of the directions in what depends on the period."""
 
     transition: np.ndarray
     input_now: np.ndarray
     input_next: np.ndarray
     drift: np.ndarray
+    process_cov: np.ndarray
     slopes: SampledDerivatives | None
 
 
 def sample_steps(
-    ss: StateSpace, periods: np.ndarray, hold: Hold, derivatives: dict[str, np.ndarray] | None
+    ss: StateSpace,
+    periods: np.ndarray,
+    hold: Hold,
+    derivatives: dict[str, np.ndarray] | None,
+    process_intensity: np.ndarray | None = None,
+    intensity_derivatives: np.ndarray | None = None,
 ) -> SampledSteps | None:
-    """`sample` and `sample_derivatives` without noise for all `periods` (k,) [s] at once, which lie within an
-    octave; None where they must be sampled one by one."""
+    """`sample` and `sample_derivatives` with white noise for all `periods` (k,) [s] at once, which lie within
+    an octave; None where they must be sampled one by one."""
     made = None if hold == SMOOTH else beside(ss.A, periods, integral_count(hold))
     if made is None:
         return None
     _check_input_derivatives(ss, hold)
+    intensity = _square(process_intensity, ss.G.shape[1])
+    _check_direct_noise(ss, intensity, "white")
     integrals = made.integrals()
     now, following = _input_matrices(ss.B, integrals, ss, periods[:, None], hold)
+    Q = ss.G @ intensity @ ss.G.T
+    covariances = made.covariances(Q) if Q.any() else np.zeros_like(integrals.transition)
     slopes = None
     if derivatives is not None:
         change = made.derivatives(derivatives["A"])
         slopes = _slopes_of_steps(ss, integrals, change, periods, hold, derivatives)
-    return SampledSteps(integrals.transition, now, following, integrals.first @ ss.b, slopes)
+        dW = np.zeros((1, *intensity.shape)) if intensity_derivatives is None else intensity_derivatives
+        dQ = _product_change(ss.G, intensity, ss.G, derivatives["G"], dW, derivatives["G"])
+        if Q.any() or dQ.any():
+            moved = made.covariance_derivatives(Q, derivatives["A"], dQ)
+            slopes = replace(slopes, process_cov=np.swapaxes(moved, 0, 1))
+    drift = integrals.first @ ss.b
+    return SampledSteps(integrals.transition, now, following, drift, covariances, slopes)
 
 
 def _slopes_of_steps(
