@@ -347,11 +347,15 @@ def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted():
     refused = SimpleNamespace(verdict="rejected", is_any_dynamics=False)
     named = SimpleNamespace(verdict="supported", is_any_dynamics=False)
 
-    def hold(verdict, proof):
-        return unsettled_hold(stand, SimpleNamespace(proofs=(proof,), verdict=verdict))
+    def hold(verdict, proof, learned=None):
+        return unsettled_hold(stand, SimpleNamespace(proofs=(proof,), verdict=verdict, learned=learned))
 
     assert hold("unknown effect", refused) == "zoh"
     assert hold("nothing missing", refused) is None and hold("supported", named) is None
+    # A load that was learned, foresees unseen data and is no better with the other hold settles it.
+    assert hold("unknown effect", refused, SimpleNamespace(keeps_hold=True, against="")) is None
+    assert hold("unknown effect", refused, SimpleNamespace(keeps_hold=False, against="")) == "zoh"
+    assert hold("unknown effect", refused, SimpleNamespace(keeps_hold=True, against="no better")) == "zoh"
     # Smooth curves are no half sample away from straight lines.
     stand.null.other_hold = "smooth"
     assert hold("unknown effect", refused) is None

@@ -186,14 +186,15 @@ def _learned(stand: Stand, run: NullObserver, form: FreeForm) -> LearnedLoad | N
     if learned is None or learned.fit is None:
         return learned
     hold = open_hold(null, learned.fit.log_likelihood - stand.baseline.log_likelihood)
+    kept = replace(learned, keeps_hold=True)
     if hold is None:
-        return learned
+        return kept
     validation = stand.validation if stand.other_validation is None else stand.other_validation
     again = with_other_hold(null)
     other = learned_load(again, run, stand.baseline, form, validation, stand.reference)
     if other is None or other.fit is None:
-        return learned
-    return other if other.fit.log_likelihood > learned.fit.log_likelihood + GATES.min_hold_gain else learned
+        return kept
+    return other if other.fit.log_likelihood > learned.fit.log_likelihood + GATES.min_hold_gain else kept
 
 
 def _told_by_rest(forms: Sequence[FreeForm], proofs: Sequence[Proof]) -> FreeForm | None:

@@ -77,8 +77,11 @@ def better_hold(stand: Stand, proofs: Sequence[Proof]) -> Hold | None:
 def unsettled_hold(stand: Stand, found: Diagnosis) -> Hold | None:
     """The other hold, where something is missing, no candidate was accepted, and the data have not clearly
     refused it: with the wrong hold half a sample of delay is left, and the right law is refused for that. Not
-    so between straight lines and smooth curves."""
+    so between straight lines and smooth curves, or where a load was learned that keeps its hold."""
     if {stand.null.hold, stand.null.other_hold} == {FOH, SMOOTH}:
+        return None
+    learned = found.learned
+    if learned is not None and learned.keeps_hold and not learned.against:
         return None
     if best_accepted(found.proofs) is not None or found.verdict in ("nothing missing", "parameters off"):
         return None

@@ -209,7 +209,8 @@ class Formula:
 class LearnedLoad:
     """The load of `form` as a part of the model: its curve, all parameter values, and the errors (rms) of the
     simulation on validation data without and with it. `fit` is None where no refit succeeded and the curve
-    is that of the form. A positive load flows into the components at the place if `sign` is 1."""
+    is that of the form. A positive load flows into the components at the place if `sign` is 1. `keeps_hold`:
+    with the curve in the model, the other hold of the inputs is no better."""
 
     form: FreeForm
     curve: Curve
@@ -220,6 +221,7 @@ class LearnedLoad:
     sign: float = 1.0
     against: str = ""  # why unseen data speak against it
     formula: Formula | None = None  # for the curve, where there is a short one
+    keeps_hold: bool = False
 
 
 @dataclass(frozen=True)
