@@ -29,7 +29,7 @@ from daest.estimation.setup import is_constant
 from daest.model.diagnosis import Diagnosis, Proof, VerdictName
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.fit import FitResult, IdentifyOptions, error_ratios
 from daest.model.flat import FlatModel
 from daest.model.holds import FOH, Hold
 from daest.model.parts import Parameter
@@ -128,7 +128,8 @@ def _fitted(
     flat: FlatModel, null_of: Callable[[FlatModel], Null], unseen_by: Callable[[Null], tuple[Experiment, ...]]
 ) -> tuple[Null, FitResult, Reference | None]:
     """The null that `null_of` makes of the model, and its `_told_fits` on the experiments `unseen_by` it;
-    with the parameters held where loads would take over what the inputs do (`_simulated_better`)."""
+    with the parameters held where loads would take over what the inputs do (`_simulated_better`): there the
+    errors must no longer add up, or be far smaller on unseen data, too."""
     null = null_of(flat)
     baseline, reference = _told_fits(null, unseen_by(null))
     known = _simulated_better(flat, null, reference)
@@ -136,7 +137,7 @@ def _fitted(
         with suppress(*FAILURES):  # a simulation may end at values beside which no load can be fitted
             fixed = null_of(known)
             again = _told_fits(fixed, unseen_by(fixed))
-            if again[1] is not None and not again[1].adds_up:
+            if again[1] is not None and (not again[1].adds_up or _is_far_better(again[1], reference)):
                 return fixed, *again
     return null, baseline, reference
 
@@ -157,11 +158,22 @@ def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) 
         fit = identify(flat, null.experiments, IdentifyOptions(method="oe", hold=null.hold))
     except FAILURES:
         return None
-    after = fit.simulated["estimation"].rms
-    if not all(after[name] < GATES.max_adrift_ratio * rms for name, rms in before.rms.items()):
+    if not _far_smaller(error_ratios(reference.fit.simulated, fit.simulated, "estimation")):
         return None
     fixed = flat.with_theta(fit.theta)
     return replace(fixed, parameters=tuple(replace(p, estimate=False) for p in fixed.parameters))
+
+
+def _is_far_better(one: Reference, other: Reference | None) -> bool:
+    """Whether a model simulates unseen data far better than another one."""
+    return other is not None and _far_smaller(error_ratios(other.fit.simulated, one.fit.simulated))
+
+
+def _far_smaller(ratios: Sequence[float]) -> bool:
+    """Whether errors of the outputs, in ratios, have become far smaller and none larger. The likelihood of a
+    simulation goes with their product: a noisy speed says little beside an angle."""
+    least = GATES.max_adrift_ratio ** len(ratios)
+    return bool(ratios) and max(ratios) <= 1.0 and float(np.prod(ratios)) < least
 
 
 def _told_fits(null: Null, validation: Sequence[Experiment]) -> tuple[FitResult, Reference | None]:
