@@ -1067,3 +1067,30 @@ def test_rounder_kink_makes_no_law_of_what_was_refused_for_a_form_that_it_leaves
 
 def replace_form(form, **changes):
     return SimpleNamespace(**{**vars(form), **changes})
+
+
+def test_law_on_the_other_side_of_a_limit_is_not_put_aside():
+    """A gain of a sensor that hardly moves takes 58 % of a load, its offset 42 %: as likely, as good."""
+    _, proof = proved()
+    gain = replace(proof, explained=0.58, adds_up=False)
+    other_law = replace(proof.candidate.effect, class_name="Other")
+    offset = replace(
+        gain,
+        candidate=replace(proof.candidate, effect=other_law),
+        delta_bic=proof.delta_bic - 1.0,
+        explained=0.42,
+        verdict="rejected",
+        reason=unexplained(0.42, ()),
+        takes_little=True,
+    )
+    assert [p.verdict for p in ranked([gain, offset])] == ["not separable"] * 2
+    seen = proof.told.simulated["validation"]
+    worse = replace(seen, rms={name: 1.1 * rms for name, rms in seen.rms.items()})
+    poor = replace(proof.told, simulated={**proof.told.simulated, "validation": worse})
+    for other in (
+        replace(offset, takes_little=False),
+        replace(offset, explained=0.2),
+        replace(offset, delta_bic=proof.delta_bic - 2.0 * GATES.same_bic),
+        replace(offset, fit=poor, final=poor),
+    ):
+        assert [p.verdict for p in ranked([gain, other])] == ["supported", "rejected"]

@@ -73,7 +73,9 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     close = [p for p in close if p not in nested]
     twins = [p for p in close if p is not best and _is_twin(p, best)]
     close = [p for p in close if p not in twins]
-    doubted = [p for p in order if p not in close and _is_rounded_otherwise(p, best)]
+    doubted = [
+        p for p in order if p not in close and (_is_rounded_otherwise(p, best) or _is_as_likely(p, best))
+    ]
     close += doubted
     result = []
     for proof in order:
@@ -320,12 +322,28 @@ def _is_as_good(best: Proof, one: Proof) -> bool:
     is_other = best.candidate.effect.class_name != one.candidate.effect.class_name
     if not is_other or len(_own_sizes(best)) != len(_own_sizes(one)):
         return False
-    is_likely = abs(_bic(best) - _bic(one)) <= GATES.min_bic_gain
+    return abs(_bic(best) - _bic(one)) <= GATES.min_bic_gain and _is_foreseen_alike(best, one)
+
+
+def _is_foreseen_alike(best: Proof, one: Proof) -> bool:
+    """Whether two laws have the same errors on unseen data, in every output or at every horizon."""
     if one.adds_up:
         ratios = list(ahead_of(best.ahead, one.ahead).values())
     else:
         ratios = list(error_ratios(best.told.simulated, one.told.simulated))
-    return is_likely and bool(ratios) and all(abs(r - 1.0) <= GATES.same_unseen_error for r in ratios)
+    return bool(ratios) and all(abs(r - 1.0) <= GATES.same_unseen_error for r in ratios)
+
+
+def _is_as_likely(refused: Proof, best: Proof) -> bool:
+    """Whether a law is refused for nothing but how much of the load it leaves, while it is as likely as the
+    best one, foresees unseen data alike and takes a good part of what that takes: which of them is on the
+    other side of the limit is chance."""
+    return (
+        refused.takes_little
+        and refused.explained >= GATES.min_as_explained * best.explained
+        and _bic(refused) >= _bic(best) - GATES.same_bic
+        and _is_foreseen_alike(best, refused)
+    )
 
 
 def ahead_of(best: Sequence[Ahead], one: Sequence[Ahead]) -> dict[int, float]:
