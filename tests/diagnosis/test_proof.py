@@ -681,6 +681,11 @@ def test_torque_is_known_by_its_ratio_where_no_sensor_tells_the_scale_of_all_tor
     # Where J was known before, the law only shares with it what was its own.
     sharp = proof.fit
     assert certainty(told(0.99), before=sharp) == pytest.approx(2.5)
+    # What bends a signal is there where its product with a gain is known: a thrust may be all of the square.
+    bend = replace(candidate.effect.sizes[0], signal_unit="1/u")
+    bent = replace(candidate.effect, parameters=(bend,))
+    assert certainty(told(-0.99), bent, sharp) == pytest.approx(1.0 / (0.4 * np.sqrt(2.0 * 0.01)))
+    assert certainty(told(0.99), bent, sharp) == pytest.approx(2.5)
     assert "tau_c = 0.15 ± 0.06 N.m" in not_determined(candidate, told(0.99), sharp)
 
 
