@@ -1099,3 +1099,30 @@ def test_law_on_the_other_side_of_a_limit_is_not_put_aside():
         replace(offset, fit=poor, final=poor),
     ):
         assert [p.verdict for p in ranked([gain, other])] == ["supported", "rejected"]
+
+
+def test_dead_zone_with_wide_corners_is_not_told_from_another_bend():
+    """Of 1.8 V with corners over 0.5 V, for a thrust that goes with the square of its command."""
+    _, proof = proved()
+    laws = {e.name: e for e in library()}
+    at = replace(proof.candidate.site, name="u", kind="input")
+
+    def law(name, gain, **values):
+        candidate = replace(proof.candidate, effect=laws[name], site=at)
+        theta = {**proof.fit.theta, **{f"{candidate.name}.{n}": value for n, value in values.items()}}
+        fit, final = (replace(one, theta=theta) for one in (proof.fit, proof.told))
+        likelihood = gain * proof.delta_log_likelihood
+        return replace(
+            proof,
+            candidate=candidate,
+            fit=fit,
+            final=final,
+            delta_log_likelihood=likelihood,
+            delta_bic=gain * 200,
+        )
+
+    square = law("QuadraticGain", 0.9, a=8.7, u_s=0.02)
+    wide, sharp = (law("DeadZone", 1.0, width=1.78, u_s=kink) for kink in (0.54, 0.02))
+    assert [p.verdict for p in ranked([wide, square])] == ["not separable"] * 2
+    assert [p.verdict for p in ranked([sharp, square])] == ["supported", "rejected"]
+    assert [p.verdict for p in ranked([wide, law("QuadraticGain", 0.5, a=8.7)])] == ["supported", "rejected"]
