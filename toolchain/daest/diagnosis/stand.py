@@ -128,8 +128,7 @@ def _fitted(
     flat: FlatModel, null_of: Callable[[FlatModel], Null], unseen_by: Callable[[Null], tuple[Experiment, ...]]
 ) -> tuple[Null, FitResult, Reference | None]:
     """The null that `null_of` makes of the model, and its `_told_fits` on the experiments `unseen_by` it;
-    with the parameters held where loads would take over what the inputs do (`_simulated_better`): there the
-    errors must no longer add up, or be far smaller on unseen data, too."""
+    with the parameters held where loads would take over what the inputs do (`_simulated_better`)."""
     null = null_of(flat)
     baseline, reference = _told_fits(null, unseen_by(null))
     known = _simulated_better(flat, null, reference)
@@ -137,7 +136,7 @@ def _fitted(
         with suppress(*FAILURES):  # a simulation may end at values beside which no load can be fitted
             fixed = null_of(known)
             again = _told_fits(fixed, unseen_by(fixed))
-            if again[1] is not None and (not again[1].adds_up or _is_far_better(again[1], reference)):
+            if again[1] is not None and not again[1].adds_up:
                 return fixed, *again
     return null, baseline, reference
 
@@ -162,11 +161,6 @@ def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) 
         return None
     fixed = flat.with_theta(fit.theta)
     return replace(fixed, parameters=tuple(replace(p, estimate=False) for p in fixed.parameters))
-
-
-def _is_far_better(one: Reference, other: Reference | None) -> bool:
-    """Whether a model simulates unseen data far better than another one."""
-    return other is not None and _far_smaller(error_ratios(other.fit.simulated, one.fit.simulated))
 
 
 def _far_smaller(ratios: Sequence[float]) -> bool:
