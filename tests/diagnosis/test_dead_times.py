@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from test_bent_models import ARM
 
+from daest.diagnosis.chosen import chosen_candidates
 from daest.diagnosis.dead_times import best_shift, shifted_back
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.loads import load_sites
@@ -77,3 +78,31 @@ def test_dead_time_beside_a_pendulum() -> None:
         (p.candidate.effect.name, p.candidate.site.name) for p in found.proofs if p.verdict != "rejected"
     }
     assert ("Delay", "u") in named, found.message
+
+
+ROLL_OUT = """
+model RollOut
+  parameter Real m(unit = "kg") = 76;
+  parameter Real f0(unit = "N") = 4;
+  Real v(unit = "m/s", start = 8);
+  output Real speed(unit = "m/s");
+equation
+  m*der(v) = -f0;
+  speed = v;
+end RollOut;
+"""
+
+
+@pytest.mark.parametrize("n_outputs", [1, 2])
+def test_what_runs_by_itself_is_not_late(n_outputs):
+    """Behind a dead time it is as it would be with another start; of two sensors one may be late."""
+    text = ROLL_OUT
+    if n_outputs == 2:
+        text = text.replace("equation", '  output Real wheel(unit = "m/s");\nequation\n  wheel = v;')
+    names, time = ("speed", "wheel")[:n_outputs], np.arange(50.0)
+    record = Experiment("run", time, np.zeros((50, 0)), np.ones((50, n_outputs)), (), names)
+    places = sites(compile_text(text.encode(), Path("RollOut.mo")))
+    found = chosen_candidates(effect_library(), places, [record], DiagnoseOptions())
+    late = {c.site.name for c in found if c.effect.name == "Delay"}
+    assert late == (set() if n_outputs == 1 else set(names))
+    assert "Lag" in {c.effect.name for c in found}

@@ -681,6 +681,11 @@ def test_torque_is_known_by_its_ratio_where_no_sensor_tells_the_scale_of_all_tor
     # Where J was known before, the law only shares with it what was its own.
     sharp = proof.fit
     assert certainty(told(0.99), before=sharp) == pytest.approx(2.5)
+    # What bends a signal is there where its product with a gain is known: a thrust may be all of the square.
+    bend = replace(candidate.effect.sizes[0], signal_unit="1/u")
+    bent = replace(candidate.effect, parameters=(bend,))
+    assert certainty(told(-0.99), bent, sharp) == pytest.approx(1.0 / (0.4 * np.sqrt(2.0 * 0.01)))
+    assert certainty(told(0.99), bent, sharp) == pytest.approx(2.5)
     assert "tau_c = 0.15 ± 0.06 N.m" in not_determined(candidate, told(0.99), sharp)
 
 
@@ -1067,3 +1072,57 @@ def test_rounder_kink_makes_no_law_of_what_was_refused_for_a_form_that_it_leaves
 
 def replace_form(form, **changes):
     return SimpleNamespace(**{**vars(form), **changes})
+
+
+def test_law_on_the_other_side_of_a_limit_is_not_put_aside():
+    """A gain of a sensor that hardly moves takes 58 % of a load, its offset 42 %: as likely, as good."""
+    _, proof = proved()
+    gain = replace(proof, explained=0.58, adds_up=False)
+    other_law = replace(proof.candidate.effect, class_name="Other")
+    offset = replace(
+        gain,
+        candidate=replace(proof.candidate, effect=other_law),
+        delta_bic=proof.delta_bic - 1.0,
+        explained=0.42,
+        verdict="rejected",
+        reason=unexplained(0.42, ()),
+        takes_little=True,
+    )
+    assert [p.verdict for p in ranked([gain, offset])] == ["not separable"] * 2
+    seen = proof.told.simulated["validation"]
+    worse = replace(seen, rms={name: 1.1 * rms for name, rms in seen.rms.items()})
+    poor = replace(proof.told, simulated={**proof.told.simulated, "validation": worse})
+    for other in (
+        replace(offset, takes_little=False),
+        replace(offset, explained=0.2),
+        replace(offset, delta_bic=proof.delta_bic - 2.0 * GATES.same_bic),
+        replace(offset, fit=poor, final=poor),
+    ):
+        assert [p.verdict for p in ranked([gain, other])] == ["supported", "rejected"]
+
+
+def test_dead_zone_with_wide_corners_is_not_told_from_another_bend():
+    """Of 1.8 V with corners over 0.5 V, for a thrust that goes with the square of its command."""
+    _, proof = proved()
+    laws = {e.name: e for e in library()}
+    at = replace(proof.candidate.site, name="u", kind="input")
+
+    def law(name, gain, **values):
+        candidate = replace(proof.candidate, effect=laws[name], site=at)
+        theta = {**proof.fit.theta, **{f"{candidate.name}.{n}": value for n, value in values.items()}}
+        fit, final = (replace(one, theta=theta) for one in (proof.fit, proof.told))
+        likelihood = gain * proof.delta_log_likelihood
+        return replace(
+            proof,
+            candidate=candidate,
+            fit=fit,
+            final=final,
+            delta_log_likelihood=likelihood,
+            delta_bic=gain * 200,
+        )
+
+    square = law("QuadraticGain", 0.9, a=8.7, u_s=0.02)
+    wide, sharp = (law("DeadZone", 1.0, width=1.78, u_s=kink) for kink in (0.54, 0.02))
+    assert [p.verdict for p in ranked([wide, square])] == ["not separable"] * 2
+    assert [p.verdict for p in ranked([sharp, square])] == ["supported", "rejected"]
+    assert [p.verdict for p in ranked([wide, law("QuadraticGain", 0.5, a=8.7)])] == ["supported", "rejected"]

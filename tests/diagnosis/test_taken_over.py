@@ -2,11 +2,13 @@
 acts on two bodies, while loads can act on one alone."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from daest.diagnosis import stand as stands
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.stand import begin
 from daest.model.experiment import Experiment
@@ -62,3 +64,32 @@ def test_parameters_stay_at_the_simulation_where_loads_take_over_what_the_input_
     assert fit["a"] > 80.0 and fit["travel"] > 60.0
     values = {p.name: p.value for p in stand.null.flat.parameters}
     assert abs(values["ct"] / 160000.0 - 1.0) < 0.05 and abs(values["ms"] / 290.0 - 1.0) < 0.05
+
+
+def simulated(errors, is_adrift=True):
+    """A model with these errors of an angle and a speed in the data of the fit, of which it fits nothing."""
+    rms = SimpleNamespace(rms=dict(zip("yw", errors, strict=True)), fit_percent=dict.fromkeys("yw", 2.0))
+    return SimpleNamespace(adds_up=is_adrift, fit=SimpleNamespace(simulated={"estimation": rms}, theta={}))
+
+
+@pytest.mark.parametrize(
+    ("fitted", "is_adrift", "is_taken"),
+    [
+        ((0.02, 1.9), False, True),  # the angle is followed, and the noise of the speed is left
+        ((0.02, 1.9), True, False),  # an angle that nothing holds: the values stand for what is missing
+        ((0.2, 3.3), False, False),  # the speed has become worse
+        ((0.4, 2.0), False, False),
+    ],
+)
+def test_values_of_a_simulation_are_taken_by_the_product_of_its_errors(
+    monkeypatch, fitted, is_adrift, is_taken
+):
+    """A noisy speed beside an angle."""
+    flat = compile_text(CAR, Path("Car.mo"))
+    before, after = simulated((0.6, 3.0)), simulated(fitted, is_adrift)
+    null = SimpleNamespace(estimated=("ms",), experiments=(), hold="foh")
+    references = [before, after]
+    monkeypatch.setattr(stands, "identify", lambda *given: after.fit)
+    monkeypatch.setattr(stands, "_told_fits", lambda null, validation: (None, references.pop(0)))
+    found = stands._fitted(flat, lambda flat: null, lambda null: ())[2]
+    assert found is (after if is_taken else before)

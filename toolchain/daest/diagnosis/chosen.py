@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from daest.diagnosis.candidates import pairs
+from daest.diagnosis.dead_times import DELAY
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions
 from daest.model.diagnosis import Candidate
@@ -20,12 +21,18 @@ def chosen_candidates(
     experiments: Sequence[Experiment],
     options: DiagnoseOptions,
 ) -> tuple[Candidate, ...]:
+    """The effects of the library at the places where they fit, those that `options` name. No dead time of the
+    one output of a model without inputs: what runs by itself is as late where it began elsewhere."""
     columns = [name for name in experiments[0].extra if _is_new_signal(name, experiments)]
     whole = pairs(library, places, columns)
+    runs_by_itself = not experiments[0].input_names and len(experiments[0].output_names) == 1
     return tuple(
         c
         for c in whole
-        if (not options.effects or c.effect.name in options.effects or c.effect.class_name in options.effects)
+        if not (runs_by_itself and c.effect.class_name == DELAY)
+        and (
+            not options.effects or c.effect.name in options.effects or c.effect.class_name in options.effects
+        )
         and (not options.places or {c.site.name, *c.site.aliases} & set(options.places))
     )
 

@@ -227,6 +227,7 @@ class _Judge:
             ahead=told.ahead,
             is_open=bool(reason) and told.is_open,
             is_vague=bool(told.vague) and reason == told.vague,
+            takes_little=bool(reason) and reason == unexplained(explained, told.ratios),
             is_any_dynamics=bool(too_short) and reason == too_short,
             comes_near=bool(near) and reason == near,
             is_known=not told.unseen_form and not vague,

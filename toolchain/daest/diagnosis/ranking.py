@@ -66,14 +66,16 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
             p if p.verdict == "rejected" else replace(p, verdict="rejected", reason=reason) for p in order
         )
         return tuple(sorted(refused, key=lambda p: -p.delta_bic))
-    close = [p for p in accepted if _is_rival(p, best)]
+    close = [p for p in accepted if _is_rival(p, best) or _is_bent_otherwise(p, best)]
     same = [p for p in accepted if p is not best and _is_same_equation(p, best)]
     close = [p for p in close if p not in same]
     nested = [p for p in close if _is_same_beside_a_load(p, best)]
     close = [p for p in close if p not in nested]
     twins = [p for p in close if p is not best and _is_twin(p, best)]
     close = [p for p in close if p not in twins]
-    doubted = [p for p in order if p not in close and _is_rounded_otherwise(p, best)]
+    doubted = [
+        p for p in order if p not in close and (_is_rounded_otherwise(p, best) or _is_as_likely(p, best))
+    ]
     close += doubted
     result = []
     for proof in order:
@@ -320,12 +322,28 @@ def _is_as_good(best: Proof, one: Proof) -> bool:
     is_other = best.candidate.effect.class_name != one.candidate.effect.class_name
     if not is_other or len(_own_sizes(best)) != len(_own_sizes(one)):
         return False
-    is_likely = abs(_bic(best) - _bic(one)) <= GATES.min_bic_gain
+    return abs(_bic(best) - _bic(one)) <= GATES.min_bic_gain and _is_foreseen_alike(best, one)
+
+
+def _is_foreseen_alike(best: Proof, one: Proof) -> bool:
+    """Whether two laws have the same errors on unseen data, in every output or at every horizon."""
     if one.adds_up:
         ratios = list(ahead_of(best.ahead, one.ahead).values())
     else:
         ratios = list(error_ratios(best.told.simulated, one.told.simulated))
-    return is_likely and bool(ratios) and all(abs(r - 1.0) <= GATES.same_unseen_error for r in ratios)
+    return bool(ratios) and all(abs(r - 1.0) <= GATES.same_unseen_error for r in ratios)
+
+
+def _is_as_likely(refused: Proof, best: Proof) -> bool:
+    """Whether a law is refused for nothing but how much of the load it leaves, while it is as likely as the
+    best one, foresees unseen data alike and takes a good part of what that takes: which of them is on the
+    other side of the limit is chance."""
+    return (
+        refused.takes_little
+        and refused.explained >= GATES.min_as_explained * best.explained
+        and _bic(refused) >= _bic(best) - GATES.same_bic
+        and _is_foreseen_alike(best, refused)
+    )
 
 
 def ahead_of(best: Sequence[Ahead], one: Sequence[Ahead]) -> dict[int, float]:
@@ -377,6 +395,22 @@ def _is_rounded_otherwise(simple: Proof, best: Proof) -> bool:
     least = GATES.min_kinked_gain if simple.verdict == "rejected" else GATES.min_doubted_gain
     gains_enough = simple.delta_log_likelihood > least * best.delta_log_likelihood
     return gains_enough and may_be_of_the_kink(best, simple.candidate)
+
+
+def _is_bent_otherwise(one: Proof, best: Proof) -> bool:
+    """Whether another accepted law bends the same signal and gains nearly as much as the best one, whose kink
+    is rounded over so much of where it lies that a smooth bend is seen, and no kink: a thrust that goes with
+    the square of a command is as well a dead zone with wide corners."""
+    law = best.candidate
+    bends = law.is_of_signal and not law.is_dynamic and not one.candidate.is_dynamic
+    if one is best or not bends or one.candidate.site != law.site:
+        return False
+    gains_enough = one.delta_log_likelihood > GATES.min_kinked_gain * best.delta_log_likelihood
+    theta, own = best.told.theta, law.effect.parameters
+    values = {p.name: abs(theta.get(f"{law.name}.{p.name}", np.nan)) for p in own}
+    ranges = [values[p.name] for p in own if p.role != "sharpness" and p.signal_unit == "u"]
+    kinks = [values[p.name] for p in own if p.role == "sharpness"]
+    return gains_enough and any(k > GATES.max_seen_kink * r for k in kinks for r in ranges)
 
 
 def may_be_of_the_kink(richer: Proof, simple: Candidate) -> bool:

@@ -195,7 +195,9 @@ def _certainty(
     uncertain as this scale, each of them, and none of them is zero for that. Not by one to a parameter that
     was known `before` the law was there: the law then only takes its place, and their difference is all that
     is known. Nor the size of a law that changes the order of the model, whose ratios to other times are no
-    scales. 0 where nothing is known."""
+    scales. The bend of a signal counts by its product with such a parameter, known before or not: a thrust
+    with the square of a command has no other gain, and relative to that its bend may be anything, while the
+    product is certain. 0 where nothing is known."""
     null, error = declared.null or 0.0, own.std_error
     if error is None:
         return 0.0
@@ -206,6 +208,7 @@ def _certainty(
     known = dict(zip(names, range(len(names)), strict=True))
     if own.name not in known:
         return alone
+    is_bend = declared.signal_unit == "1/u"
     scales = [
         p
         for p in told.parameters
@@ -213,12 +216,12 @@ def _certainty(
         and not p.name.startswith(f"{candidate.name}.")
         and p.min is not None
         and p.min >= 0.0 < p.value
-        and not _is_blurred(p, before)
+        and (is_bend or not _is_blurred(p, before))
     ]
     i, found = known[own.name], alone
     for p in scales:
         j = known[p.name]
-        relative = np.array([1.0 / own.value, -1.0 / p.value])
+        relative = np.array([1.0 / own.value, (1.0 if is_bend else -1.0) / p.value])
         spread = float(relative @ cov[np.ix_([i, j], [i, j])] @ relative)
         found = max(found, float(1.0 / np.sqrt(spread)) if spread > 0.0 else 0.0)
     return found

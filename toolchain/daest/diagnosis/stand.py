@@ -29,7 +29,7 @@ from daest.estimation.setup import is_constant
 from daest.model.diagnosis import Diagnosis, Proof, VerdictName
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.fit import FitResult, IdentifyOptions, error_ratios
 from daest.model.flat import FlatModel
 from daest.model.holds import FOH, Hold
 from daest.model.parts import Parameter
@@ -157,11 +157,17 @@ def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) 
         fit = identify(flat, null.experiments, IdentifyOptions(method="oe", hold=null.hold))
     except FAILURES:
         return None
-    after = fit.simulated["estimation"].rms
-    if not all(after[name] < GATES.max_adrift_ratio * rms for name, rms in before.rms.items()):
+    if not _far_smaller(error_ratios(reference.fit.simulated, fit.simulated, "estimation")):
         return None
     fixed = flat.with_theta(fit.theta)
     return replace(fixed, parameters=tuple(replace(p, estimate=False) for p in fixed.parameters))
+
+
+def _far_smaller(ratios: Sequence[float]) -> bool:
+    """Whether errors of the outputs, in ratios, have become far smaller and none larger. The likelihood of a
+    simulation goes with their product: a noisy speed says little beside an angle."""
+    least = GATES.max_adrift_ratio ** len(ratios)
+    return bool(ratios) and max(ratios) <= 1.0 and float(np.prod(ratios)) < least
 
 
 def _told_fits(null: Null, validation: Sequence[Experiment]) -> tuple[FitResult, Reference | None]:

@@ -298,6 +298,7 @@ class Proof:
     ahead: tuple[Ahead, ...] = ()
     is_open: bool = False  # rejected, though nothing speaks against it: the data may still mean it
     is_vague: bool = False  # rejected for nothing but that the data determine none of its parameters
+    takes_little: bool = False  # rejected for nothing but that too much of the load is left
     is_any_dynamics: bool = False  # rejected, since any lag or delay as short as that would do
     comes_near: bool = False  # rejected, since what a lag or delay leaves is dynamic, too
     is_known: bool = True  # False: the data show too little of the law to tell it from any other

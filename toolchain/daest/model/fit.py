@@ -132,10 +132,12 @@ class Agreement:
     rms: dict[str, float | None]
 
 
-def error_ratios(before: Mapping[str, Agreement], after: Mapping[str, Agreement]) -> list[float]:
-    """Error on validation data relative to what it was, of every output that had one; inf where the new one
-    is unknown. Empty without validation data."""
-    old, new = before.get("validation"), after.get("validation")
+def error_ratios(
+    before: Mapping[str, Agreement], after: Mapping[str, Agreement], data: str = "validation"
+) -> list[float]:
+    """Error on that `data` relative to what it was, of every output that had one; inf where the new one is
+    unknown. Empty without such data."""
+    old, new = before.get(data), after.get(data)
     if old is None or new is None:
         return []
     pairs = [(new.rms.get(name), rms) for name, rms in old.rms.items()]
