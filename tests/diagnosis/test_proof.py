@@ -749,6 +749,44 @@ def test_law_of_a_simulation_is_none_beside_one_that_the_loads_leave_far_likelie
     assert ranked([near, replace(proof, in_use=little)])[0].candidate is name, "much may go into the loads"
 
 
+@pytest.mark.parametrize(("share", "verdict"), [(0.05, "supported"), (300.0, "rejected")])
+def test_law_of_a_simulation_that_leaves_all_its_parameters_open_is_none(monkeypatch, share, verdict):
+    """A wall of hardly any conductance and any time constant simulates a part of a day better."""
+    stand, (prepared, beside) = rubbing(), proved()
+    used = InUse(fitted=0.6, unseen=0.9, n_independent=40.0, n_unseen=30.0, certainty=5.0)
+    monkeypatch.setattr(proving, "_in_use", lambda *_: used)
+    monkeypatch.setattr(proving, "weak", lambda *_: "")
+    own = f"{prepared.trial.candidate.name}."
+    parameters = tuple(
+        replace(p, std_error=share * p.value) if p.name.startswith(own) else p
+        for p in beside.final.parameters
+    )
+    found = replace(beside.final, parameters=parameters)
+    refused = replace(beside, verdict="rejected", reason="open")
+    shown = proving.by_simulation(stand.null, prepared, refused, found, stand.validation, stand.reference, 1)
+    assert shown.verdict == verdict
+
+
+@pytest.mark.parametrize(("ratio", "is_refused"), [(0.9, False), (1.1, True), (None, False)])
+def test_drift_must_drift_beside_a_constant_load_of_each_recording(monkeypatch, ratio, is_refused):
+    """What simulates unseen data better since they are at another level is no drift."""
+    stand = rubbing()
+    reference = replace(stand.reference, adds_up=False)
+    (effect,) = some_effects("Drift")
+    (site,) = [s for s in sites(model()) if s.kind == "output"]
+    drifting = attach(stand.null.flat, effect, site, "drift", {"r": 0.01})
+    monkeypatch.setattr(proving, "_steady_ratio", lambda *_: ratio)
+
+    def reason(flat):
+        own = SimpleNamespace(flat=flat)
+        return proving._of_levels(
+            stand.null, own, stand.null.explicit, stand.told, stand.validation, reference
+        )
+
+    assert ("another level" in reason(drifting)) == is_refused
+    assert not reason(proved()[0].flat), "friction knows no time"
+
+
 def test_law_that_says_all_of_a_curve_may_leave_a_smaller_effect():
     points = np.zeros(2)
     left = FreeForm(0, "rotor.flange", "rotor.w", "", "N.m", "rad/s", 44.0, 4, 1e-5, points, points, points)
