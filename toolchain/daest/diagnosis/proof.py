@@ -482,7 +482,9 @@ def by_simulation(
     refused = not is_shown or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
     candidate = prepared.trial.candidate
     refused = refused or bool(weak(prepared, found, reference.fit))
-    refused = refused or bool(not_determined(prepared.trial.candidate, found, reference.fit))
+    # That the simulation is better by more than chance speaks for a kink at a place that is hardly known.
+    least = GATES.min_significance
+    refused = refused or bool(not_determined(prepared.trial.candidate, found, reference.fit, least))
     model = grown(null, prepared.flat, explicit, found, null.experiments)
     refused = refused or bool(undriven(model))
     refused = refused or bool(without_form(model, candidate, found))
