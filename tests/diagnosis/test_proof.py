@@ -694,14 +694,14 @@ def test_a_place_or_a_phase_is_not_known_by_being_off_zero():
     _, proof = proved()
     size = next(p for p in proof.fit.parameters if p.name.startswith(proof.candidate.name))
 
-    def unknown(effect_name, **values):
+    def unknown(effect_name, least=GATES.min_place_significance, **values):
         effect = next(e for e in library() if e.name == effect_name)
         candidate = replace(proof.candidate, effect=effect)
         own = [
             replace(size, name=f"{candidate.name}.{name}", value=value, std_error=error, at_bound=None)
             for name, (value, error) in values.items()
         ]
-        return not_determined(candidate, replace(proof.fit, parameters=tuple(own)), proof.fit)
+        return not_determined(candidate, replace(proof.fit, parameters=tuple(own)), proof.fit, least)
 
     assert "mgr = 1.3" in unknown("Unbalance", mgr=(1.3, 4.1), phi_0=(3.07, 0.23))
     assert unknown("Unbalance", mgr=(1.3, 0.1), phi_0=(3.07, 0.23)) == ""
@@ -710,6 +710,9 @@ def test_a_place_or_a_phase_is_not_known_by_being_off_zero():
     assert unknown("FlexibleAppendage", **{**swing, "T": (57.0, 2.0)}) == ""
     assert "p_max" in unknown("Overflow", k=(6.4, 4e5), p_max=(1.2e5, 1.8e4))
     assert unknown("Overflow", k=(6.4, 4e5), p_max=(4.9e4, 80.0)) == ""
+    shown = GATES.min_significance  # where a simulation that is better by more than chance speaks for the law
+    assert unknown("Overflow", shown, k=(6.4, 4e5), p_max=(1.2e5, 1.8e4)) == ""
+    assert "p_max" in unknown("Overflow", shown, k=(6.4, 4e5), p_max=(1.2e5, 9e4))
 
 
 def test_parameter_that_is_lost_beside_loads_is_found_again():
@@ -752,6 +755,44 @@ def test_law_of_a_simulation_is_none_beside_one_that_the_loads_leave_far_likelie
     near = replace(bent, fit=replace(poor, log_likelihood=proof.fit.log_likelihood - 20.0))
     little = replace(used, fitted=0.05, unseen=0.05, certainty=0.5)
     assert ranked([near, replace(proof, in_use=little)])[0].candidate is name, "much may go into the loads"
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.05, "supported"), (300.0, "rejected")])
+def test_law_of_a_simulation_that_leaves_all_its_parameters_open_is_none(monkeypatch, share, verdict):
+    """A wall of hardly any conductance and any time constant simulates a part of a day better."""
+    stand, (prepared, beside) = rubbing(), proved()
+    used = InUse(fitted=0.6, unseen=0.9, n_independent=40.0, n_unseen=30.0, certainty=5.0)
+    monkeypatch.setattr(proving, "_in_use", lambda *_: used)
+    monkeypatch.setattr(proving, "weak", lambda *_: "")
+    own = f"{prepared.trial.candidate.name}."
+    parameters = tuple(
+        replace(p, std_error=share * p.value) if p.name.startswith(own) else p
+        for p in beside.final.parameters
+    )
+    found = replace(beside.final, parameters=parameters)
+    refused = replace(beside, verdict="rejected", reason="open")
+    shown = proving.by_simulation(stand.null, prepared, refused, found, stand.validation, stand.reference, 1)
+    assert shown.verdict == verdict
+
+
+@pytest.mark.parametrize(("ratio", "is_refused"), [(0.9, False), (1.1, True), (None, False)])
+def test_drift_must_drift_beside_a_constant_load_of_each_recording(monkeypatch, ratio, is_refused):
+    """What simulates unseen data better since they are at another level is no drift."""
+    stand = rubbing()
+    reference = replace(stand.reference, adds_up=False)
+    (effect,) = some_effects("Drift")
+    (site,) = [s for s in sites(model()) if s.kind == "output"]
+    drifting = attach(stand.null.flat, effect, site, "drift", {"r": 0.01})
+    monkeypatch.setattr(proving, "_steady_ratio", lambda *_: ratio)
+
+    def reason(flat):
+        own = SimpleNamespace(flat=flat)
+        return proving._of_levels(
+            stand.null, own, stand.null.explicit, stand.told, stand.validation, reference
+        )
+
+    assert ("another level" in reason(drifting)) == is_refused
+    assert not reason(proved()[0].flat), "friction knows no time"
 
 
 def test_law_that_says_all_of_a_curve_may_leave_a_smaller_effect():

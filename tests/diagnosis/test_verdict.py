@@ -57,7 +57,7 @@ def evidence(
     )  # fmt: skip
     loads = Loads(
         model(),
-        SimpleNamespace(loads=(load,), experiments=(SimpleNamespace(outputs=np.zeros((900, 1))),)),
+        SimpleNamespace(loads=(load,), experiments=(SimpleNamespace(outputs=np.arange(900.0)[:, None]),)),
         SimpleNamespace(observed=(SimpleNamespace(whitened=innovations),)),
         (PlaceGain(("rotor.flange_a", "bearing"), gain, size, "N.m"),),
         form,
@@ -227,6 +227,29 @@ def test_lag_that_does_most_is_told_before_shorter_ones_and_curves_that_do_less(
     assert found.name == "unknown effect" and "Something dynamic is missing" in found.message
     told = "CoulombFriction at rotor.flange_a comes nearest (tau_c = 0.15 ± 0.01 N.m)"
     assert (told in found.message) == (gain > 100.0)
+
+
+def test_lag_that_does_most_is_told_where_nothing_else_is_to_be_compared():
+    near = replace(proof(verdict="rejected"), comes_near=True, explained=0.9, delta_bic=40.0, reason="less")
+    found = decide(evidence(proofs=[near], p_value=0.1))
+    assert (
+        found.name == "unknown effect" and "CoulombFriction at rotor.flange_a comes nearest" in found.message
+    )
+    little = decide(evidence(proofs=[replace(near, explained=0.2)], p_value=0.1))
+    assert little.name == "external disturbance"
+
+
+@pytest.mark.parametrize(("held", "name"), [(1, "unknown effect"), (5, "external disturbance")])
+def test_errors_that_the_steps_of_a_sensor_make_last_are_no_dynamics(held, name):
+    """A thermometer that moves by a quarter of a kelvin every five samples."""
+    known = evidence(innovations=COLOURED)
+    values = np.repeat(np.arange(180.0), 5)[:900] if held > 1 else np.arange(900.0)
+    null = replace_outputs(known.rest.null, values[:, None])
+    assert decide(replace(known, rest=replace(known.rest, null=null))).name == name
+
+
+def replace_outputs(null, outputs):
+    return SimpleNamespace(loads=null.loads, experiments=(SimpleNamespace(outputs=outputs),))
 
 
 def test_unrelated_load_is_external():

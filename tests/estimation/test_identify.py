@@ -400,6 +400,15 @@ def without_influence():
     )  # fmt: skip
 
 
+def offset_of_a_store():
+    """The voltage of a battery: the charge at the start does all that the offset does."""
+    parameters = [Parameter("k", 1.3, min=0.0, estimate=True), Parameter("offset", 3.1, estimate=True)]
+    return hand.family_from(
+        [("x", "1")], ["u"], [], ["y"], parameters,
+        lambda x, u, w, p: ca.vertcat(u[0]), lambda x, u, w, p: p[1] + p[0] * x[0],
+    )  # fmt: skip
+
+
 def product_only():
     parameters = [Parameter(n, 1.0, min=0.0, estimate=True) for n in ("a", "b")]
     return hand.family_from(
@@ -425,6 +434,17 @@ def single(n_samples=300, seed=0):
 
 def blank(experiment):
     return replace(experiment, outputs=np.full_like(experiment.outputs, np.nan))
+
+
+@pytest.mark.parametrize("method", ["oe", "pem"])
+def test_offset_that_the_initial_state_makes_is_refused(method):
+    """It is no way to go: rounding led a search along it to any value."""
+    record = single(2000)
+    charge = 0.1 * np.cumsum(record.inputs, axis=0)
+    measured = replace(record, outputs=3.1 + 1.3 * charge + 0.01 * record.outputs)
+    with pytest.raises(EstimationError) as caught:
+        identify(offset_of_a_store(), [measured], IdentifyOptions(method=method))
+    assert caught.value.code == "identify-no-influence" and "offset" in caught.value.what
 
 
 REFUSALS = {

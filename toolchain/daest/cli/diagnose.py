@@ -293,7 +293,8 @@ def _sufficient(
     own = estimation[0].period
     if period is None:
         n_samples = sum(e.n_samples for e in estimation)
-        if own is not None and n_samples > MANY_SAMPLES:
+        if n_samples > MANY_SAMPLES:
+            own = own or estimation[0].median_step
             note(
                 f"{n_samples} samples: to refit a law that bends on so many may take minutes; try "
                 f"--resample {MANY_TIMES * own:.4g} or a part (--to) first"

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
+import casadi as ca
 import numpy as np
 
 from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
@@ -317,6 +318,7 @@ class _Judge:
         reason = reason or weak(prepared, final if is_shown and final else fit, self._before)
         alone = grown(self.fed, prepared.flat, explicit, last, self.found.experiments)
         reason = reason or undriven(alone) or _of_its_start(self.null, alone, candidate, reference)
+        reason = reason or _of_levels(self.fed, prepared, explicit, final, self.validation, reference)
         if not reason and not self._says_all and not is_told and not is_shown:
             reason = unexplained(self.explained, ratios)
         return _Told(
@@ -395,6 +397,32 @@ def _of_its_start(null: Null, model: Null, candidate: Candidate, reference: Refe
     return "it lives on how its own states begin: started at rest it does little of that"
 
 
+def _of_levels(
+    null: Null,
+    prepared: Prepared,
+    explicit: ExplicitModel,
+    final: FitResult | None,
+    validation: Sequence[Experiment],
+    reference: Reference | None,
+) -> str:
+    """Why a law of the time alone is no drift, where it simulates unseen data no better beside a constant
+    load of each recording: a recording at another level comes later, too. Empty where it does, or where that
+    cannot be told."""
+    if final is None or reference is None or reference.adds_up or not validation or not null.loads:
+        return ""
+    if ca.depends_on(null.flat.residual, null.flat.time):
+        return ""
+    if not ca.depends_on(prepared.flat.residual, prepared.flat.time):
+        return ""
+    ratio = _steady_ratio(null, prepared.flat, explicit, final, validation, reference)
+    if ratio is None or ratio < 1.0:
+        return ""
+    return (
+        "it stands for another level of the unseen data: beside a constant load of each recording it "
+        f"simulates them {ratio:.3g} times worse"
+    )
+
+
 def _better_simpler(prepared: Prepared, fit: FitResult, delta_bic: float) -> Proof | None:
     """The simpler law that a candidate contains, where the candidate's search ended below it, or gained less
     than its further parameters cost."""
@@ -455,6 +483,9 @@ def by_simulation(
     refused = not is_shown or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
     candidate = prepared.trial.candidate
     refused = refused or bool(weak(prepared, found, reference.fit))
+    # That the simulation is better by more than chance speaks for a kink at a place that is hardly known.
+    least = GATES.min_significance
+    refused = refused or bool(not_determined(prepared.trial.candidate, found, reference.fit, least))
     model = grown(null, prepared.flat, explicit, found, null.experiments)
     refused = refused or bool(undriven(model))
     refused = refused or bool(without_form(model, candidate, found))
@@ -463,6 +494,8 @@ def by_simulation(
     if refused or p_value > GATES.max_chance:
         return beside
     if _of_its_start(null, model, candidate, reference):
+        return beside
+    if _of_levels(null, prepared, explicit, found, validation, reference):
         return beside
     return replace(
         beside,

@@ -90,11 +90,17 @@ def vanished(candidate: Candidate, told: FitResult) -> str:
     return f"without unknown loads {'; '.join(reasons)}"
 
 
-def not_determined(candidate: Candidate, told: FitResult, before: FitResult) -> str:
+def not_determined(
+    candidate: Candidate,
+    told: FitResult,
+    before: FitResult,
+    least_of_place: float = GATES.min_place_significance,
+) -> str:
     """Why the law is not the one that the data show, where they determine none of its parameters: it then
     stands for any law that does the same in these data. Empty where at least one of them is known. A phase
     says nothing alone: half a turn of it is another sign of the size; nor does a ratio, such as the damping
-    of what swings with an unknown mass and period. `before` is the fit without the law."""
+    of what swings with an unknown mass and period. `before` is the fit without the law, `least_of_place` how
+    many standard errors a place stands off zero where it is known."""
     law = {
         f"{candidate.name}.{p.name}": p
         for p in candidate.effect.parameters
@@ -104,7 +110,7 @@ def not_determined(candidate: Candidate, told: FitResult, before: FitResult) -> 
     unknown = [
         told_value(p)
         for p in own
-        if not _is_known(p, law[p.name], _certainty(candidate, told, p, law[p.name], before))
+        if not _is_known(p, law[p.name], _certainty(candidate, told, p, law[p.name], before), least_of_place)
     ]
     if not own or len(unknown) < len(own):
         return ""
@@ -177,10 +183,12 @@ def _is_ratio(parameter: EffectParameter) -> bool:
     return parameter.role == "shape" and is_number
 
 
-def _is_known(parameter: FittedParameter, declared: EffectParameter, certainty: float) -> bool:
+def _is_known(
+    parameter: FittedParameter, declared: EffectParameter, certainty: float, least_of_place: float
+) -> bool:
     if declared.role == "size" and parameter.at_bound == "max" and (declared.null or 0.0) < parameter.value:
         return True  # as much of the effect as there can be
-    return certainty >= (GATES.min_place_significance if _is_place(declared) else GATES.min_significance)
+    return certainty >= (least_of_place if _is_place(declared) else GATES.min_significance)
 
 
 def _certainty(

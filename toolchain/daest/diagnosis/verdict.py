@@ -28,7 +28,10 @@ MEASURED: dict[Domain, str] = {  # what could be measured between two places
     "thermal": "a temperature or a flow of heat",
     "hydraulic": "a pressure or a flow",
 }
-WIDER_BAND = "Excite the machine over a wider band of frequencies, and measure a motion or a current between."
+WIDER_BAND = (
+    "Excite the machine over a wider band of frequencies, and measure another quantity between input and "
+    "output."
+)
 RECORDED = ("estimation", "validation")
 LARGER = "Record again with larger amplitudes, which show more of the form of the law."
 
@@ -225,7 +228,7 @@ def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
     return Decided(
         "external disturbance",
         f"An unexplained load acts at {_load_places(loads)}, but it is related to no variable of the "
-        "model and no effect of the library explains it.",
+        "model and no effect of the library explains it." + foreseen_by(evidence, None),
         "Repeat the same experiment: what comes back in the same way belongs to the machine.",
     )
 
@@ -269,12 +272,10 @@ def _of_starts(evidence: Evidence, starts: Sequence[LoadStart]) -> Decided:
 def _nearest_dynamics(evidence: Evidence, short: Sequence[Proof], form: FreeForm | None) -> Proof | None:
     """The likeliest lag or delay that leaves something dynamic, where that does away with most of the load
     and is clearly likelier than those that are too `short` to be told apart and than a curve of the `form`
-    that the load follows; None where nothing is to be compared, or there is none."""
-    others = [p.delta_bic for p in short]
+    that the load follows; None where there is none."""
+    others = [0.0, *(p.delta_bic for p in short)]
     if form is not None:
         others.append(2.0 * form.log_likelihood_gain)
-    if not others:
-        return None
     near = [p for p in evidence.proofs if p.comes_near and p.explained >= GATES.min_explained]
     best = max(near, key=lambda p: p.delta_bic, default=None)
     return best if best is not None and best.delta_bic > max(others) + GATES.min_bic_gain else None
@@ -599,13 +600,21 @@ def _told(evidence: Evidence, proof: Proof) -> tuple[FitResult, FitResult]:
 
 
 def _is_coloured(loads: Loads) -> bool:
-    """Whether the null leaves innovations that are certainly not white."""
+    """Whether the null leaves innovations that are certainly not white, and not by the steps of a sensor: one
+    that stands still from sample to sample rounds what is between, and its errors last."""
     p_values = [
         whiteness_p_value(o.whitened[:, j], np.isfinite(o.whitened[:, j]))
-        for o in loads.run.observed
+        for experiment, o in zip(loads.null.experiments, loads.run.observed, strict=True)
         for j in range(o.whitened.shape[1])
+        if _still_share(experiment.outputs[:, j]) < GATES.max_still
     ]
-    return min(p_values) * len(p_values) < GATES.white_level
+    return bool(p_values) and min(p_values) * len(p_values) < GATES.white_level
+
+
+def _still_share(values: np.ndarray) -> float:
+    """Of the measured values (n,), those that are exactly the one before."""
+    known = values[np.isfinite(values)]
+    return float(np.mean(np.diff(known) == 0.0)) if known.size > 1 else 0.0
 
 
 def _load_places(loads: Loads) -> str:

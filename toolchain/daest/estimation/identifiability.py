@@ -208,7 +208,11 @@ def scores(residuals: np.ndarray, response: np.ndarray, slopes: np.ndarray) -> S
     cov = pseudo @ pseudo.T
     lost = np.sum(right**2, axis=0) < 1.0 - FIT.unseen_start
     cov[lost] = cov[:, lost] = np.nan
-    return Scores(residuals, (J - left @ inside).T.reshape(slopes.shape), cov, pseudo @ inside)
+    beyond = J - left @ inside
+    # What is left where an initial state does all that a parameter does, at every sample, is rounding, and no
+    # way to go. Not by their norms: of an unstable model the last samples are nearly all of these.
+    beyond[:, np.all(np.abs(beyond) <= FIT.absorbed_by_start * np.abs(J), axis=0)] = 0.0
+    return Scores(residuals, beyond.T.reshape(slopes.shape), cov, pseudo @ inside)
 
 
 def _scales(responses: np.ndarray) -> np.ndarray:

@@ -84,6 +84,11 @@ class Experiment(Timed):
         tolerance = UNIFORM * mean + TIME_RESOLUTION * abs(self.time[-1])
         return float(mean) if np.all(np.abs(steps - mean) <= tolerance) else None
 
+    @property
+    def median_step(self) -> float:
+        """[s]"""
+        return float(np.median(np.diff(self.time)))
+
     def trajectories(self) -> Trajectories:
         values = {
             **dict(zip(self.input_names, self.inputs.T, strict=True)),
