@@ -301,9 +301,8 @@ def _shown(name: str, recordings: Sequence[Experiment]) -> tuple[float, float, f
 
 
 def _period(recordings: Sequence[Experiment]) -> float | None:
-    import numpy as np
 
-    steps = [float(np.median(np.diff(e.time))) for e in recordings if e.n_samples > 1]
+    steps = [e.median_step for e in recordings if e.n_samples > 1]
     return float(f"{min(steps):.{STEPS_OF_PERIOD}g}") if steps else None
 
 

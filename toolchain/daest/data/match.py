@@ -121,8 +121,11 @@ def match_columns(
             free = [column for column in free if all(column is not taken for _, taken in pairs)]
             continue
         for signal in open_signals:
-            same = (equal or {}).get(signal.name, signal.name)
-            meant = replace(signal, name=same) if how == "name of what it equals" else signal
+            meant = signal
+            if how == "name of what it equals":
+                if equal is None or signal.name not in equal:
+                    continue
+                meant = replace(signal, name=equal[signal.name])
             fits = [column for column in free if _fits(meant, column, how, open_signals)]
             if len(fits) == 1:
                 found[signal.name] = Match(signal, fits[0].name, how)

@@ -226,7 +226,7 @@ def resample(experiment: Experiment, period: float, hold: Hold = FOH) -> Experim
         >>> daest.resample(record, 0.02).period
         0.02
     """
-    own = experiment.period or float(np.median(np.diff(experiment.time)))
+    own = experiment.period or experiment.median_step
     if period < own * (1 - GRID_TOLERANCE):
         raise ConfigError(
             "option-resample",

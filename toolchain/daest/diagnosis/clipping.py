@@ -56,7 +56,7 @@ def _samples_of(name: str, experiments: Sequence[Experiment]) -> Samples:
         known = np.isfinite(column)
         times.append(one.time[known] - one.time[0] + end)
         values.append(column[known])
-        end += float(one.time[-1] - one.time[0] + np.median(np.diff(one.time)))
+        end += float(one.time[-1] - one.time[0]) + one.median_step
     return Samples(name, "output", np.concatenate(times), np.concatenate(values))
 
 

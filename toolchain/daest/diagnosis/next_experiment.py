@@ -91,7 +91,7 @@ def _rival(proof: Proof) -> Rival:
 def _limits(asked: Asked, flat: Model) -> Limits:
     """What was recorded: the ranges and rates of the inputs, and the length of the longest recording."""
     experiments = asked.experiments
-    period = min(float(np.median(np.diff(e.time))) for e in experiments)
+    period = min(e.median_step for e in experiments)
     longest = max(float(e.time[-1] - e.time[0]) for e in experiments)
     inputs = []
     for variable in flat.inputs:

@@ -242,7 +242,7 @@ def _growth(candidate: Candidate, problem: TrajectoryProblem, predicted: Errors)
                 row = errors[h - 1] if len(errors) >= h else np.full(errors.shape[1], np.nan)
                 squares[i] += np.nan_to_num(row) ** 2
                 counts[i] += np.isfinite(row)
-    period = float(np.median(np.diff(problem.experiments[0].time)))
+    period = problem.experiments[0].median_step
     # The shortest one is known at every sample.
     table = np.concatenate(predicted.errors)
     squares[0], counts[0] = np.nansum(table**2, axis=0), np.isfinite(table).sum(axis=0)

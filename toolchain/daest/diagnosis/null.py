@@ -268,7 +268,7 @@ def _asked_holds(
 
 def period_of(experiments: Sequence[Experiment]) -> float:
     """Sampling period [s]."""
-    return float(np.median(np.diff(experiments[0].time)))
+    return experiments[0].median_step
 
 
 def shortest_load(experiments: Sequence[Experiment]) -> float:

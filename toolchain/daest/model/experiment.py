@@ -86,8 +86,8 @@ class Experiment(Timed):
 
     @property
     def median_step(self) -> float:
-        """[s]"""
-        return float(np.median(np.diff(self.time)))
+        """Between two samples [s]; NaN where there are no two."""
+        return float(np.median(np.diff(self.time))) if self.time.size > 1 else float("nan")
 
     def trajectories(self) -> Trajectories:
         values = {

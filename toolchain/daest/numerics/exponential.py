@@ -118,7 +118,7 @@ class Beside:
     def covariance_derivatives(self, Q: np.ndarray, dA: np.ndarray, dQ: np.ndarray) -> np.ndarray:
         """`covariance_integral_derivatives` in the directions (dA, dQ), both (p, n, n), over every period,
         (k, p, n, n)."""
-        n, units = self.A.shape[0], np.outer(self.size, self.size)
+        units = np.outer(self.size, self.size)
         inner, dinner = Q / units, dQ / units
         turned = dA * self.size / self.size[:, None]
         middle = _covariance_derivatives(self._rates, inner, turned, dinner, self.period)
@@ -127,9 +127,7 @@ class Beside:
         for j, term in enumerate(series[:-1], start=1):
             half = (moved @ term + self.A @ changes[-1]) / (j + 1)
             changes.append(half + _transposed(half))
-        direction = np.zeros((dA.shape[0], *self._block.shape))
-        direction[:, :n, :n] = moved
-        dtransition = _frechet(self._block, direction)[:, :n, :n]
+        dtransition = _frechet(self.A, moved)
         grown = self._of_series(np.array(series))[:, None]
         dgrown = self._of_series(np.array(changes))
         half = dtransition @ grown @ self._transition.T
