@@ -100,3 +100,18 @@ def test_rates_and_periods_whose_product_overflows():
     A, Q = np.array([[-1e300]]), np.array([[1.0]])
     for period in (1e-3, 1e10):
         np.testing.assert_allclose(covariance_integral(A, Q, period), 0.5e-300)
+
+
+def test_nodes_of_periods_sum_to_what_every_period_has():
+    rng = np.random.default_rng(3)
+    A = np.array([[-1.0, 30.0], [-30.0, -1.0]])
+    periods = np.concatenate([rng.uniform(0.05, 0.3, 200), np.full(5, 0.7), [0.7 + 1e-13]])
+    found = np.full((periods.size, 2, 2), np.nan)
+    groups = exponential.nodes_of_periods(A, periods, 1e-9)
+    for group in groups:
+        values = np.array([expm(A * node) for node in group.nodes])
+        found[group.at] = np.tensordot(group.weights, values, 1)
+    assert np.allclose(found, [expm(A * one) for one in periods], rtol=0.0, atol=1e-10)
+    assert groups[-1].nodes.size == 1 and sum(group.nodes.size for group in groups) <= 4 * 20 + 1
+    few = exponential.nodes_of_periods(A, periods[:150], 1e-9)
+    assert len({tuple(one.nodes) for one in few} & {tuple(one.nodes) for one in groups}) >= 2

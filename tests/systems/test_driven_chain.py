@@ -149,12 +149,34 @@ def test_outputs_that_are_states_of_the_chain():
     assert np.max(np.abs(made.sensitivities - known.sensitivities) / size) < 1e-3
 
 
-def test_uneven_steps_and_a_gain_on_the_chain_are_integrated_together():
+UNEVEN = {
+    "one": np.where(np.arange(119) == 5, 1.03, 1.0),
+    "multiples": np.array([1.0, 1.0, 3.0, 1.0, 2.0])[np.arange(119) % 5],
+    "jitter": np.random.default_rng(6).uniform(0.8, 1.2, 119),
+}
+
+
+@pytest.mark.parametrize("kind", ["one", "multiples", "jitter"])
+def test_uneven_steps_are_those_of_all_states_together(kind):
+    explicit, (_, u) = cart("Accelerated"), recording(120)
+    time = np.append(0.0, np.cumsum(PERIOD * UNEVEN[kind]))
+    theta, x0 = explicit.flat.theta_values, start(explicit, u)
+    model = integrator(explicit, NAMES)
+    options = {"sensitivities": True, "rtol": 1e-8}
+    made, known = (run(m, time, u, theta, x0, **options) for m in (model, model.stepped))
+    assert made.n_steps < known.n_steps / 2
+    assert np.allclose(made.states, known.states, rtol=0.0, atol=1e-5)
+    size = np.max(np.abs(known.sensitivities), axis=0)
+    size = np.maximum(size, 1e-3 * size.max(axis=1, keepdims=True))
+    assert np.max(np.abs(made.sensitivities - known.sensitivities) / size) < 1e-3
+
+
+def test_a_gap_and_a_gain_on_the_chain_are_integrated_together():
     explicit, (time, u) = cart(), recording(30)
     theta, x0 = explicit.flat.theta_values, start(explicit, u)
     model = integrator(explicit, NAMES)
-    uneven = time + np.where(np.arange(time.size) == 5, 1e-3, 0.0)
-    made, known = (run(m, uneven, u, theta, x0) for m in (model, model.stepped))
+    late = time + np.where(np.arange(time.size) > 5, 5.0 * PERIOD, 0.0)
+    made, known = (run(m, late, u, theta, x0) for m in (model, model.stepped))
     assert np.array_equal(made.states, known.states)
     every = Correction(np.zeros((time.size, 1)), np.full((12, 1), 0.1))
     made, known = (run(m, time, u, theta, x0, correction=every) for m in (model, model.stepped))

@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.polynomial import chebyshev
 from scipy.linalg import expm, lapack
 from scipy.linalg.lapack import dpstrf
 
@@ -24,6 +25,9 @@ TERMS = 16  # of the series at ‖A h‖₁ = SHORT_STEP_NORM: the next is 1e-19
 LONGEST_REACH = 2.0  # |A| times what a period differs by, up to which a series takes it from one to the other
 MOST_PARTS = 8  # in which near periods are taken so: with more, exponentials of each cost as little
 MOST_TERMS = 32  # of that series
+MOST_ALONE = 4  # periods near each other that are taken by themselves
+N_NODES = 20  # of periods, between which the values at more are interpolated
+NODES_REACH = 4.0  # |λ| times half of what the periods between such nodes differ by
 LAST_TERM = -39.0  # logarithm of the first term that is left out
 NODES = 10  # of the Gauss quadrature of the covariance over a short step, exact to degree 19
 FEW = 4  # a covariance of a rank below this part of its size is integrated by its factor
@@ -218,6 +222,50 @@ def near_periods(A: np.ndarray, periods: np.ndarray) -> list[np.ndarray]:
         return [periods]
     edges = np.linspace(periods[0], periods[-1], math.ceil(1.01 * reach / LONGEST_REACH) + 1)[1:-1]
     return [part for part in np.split(periods, np.searchsorted(periods, edges)) if part.size]
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Periods near each other, those at the positions `at` (k,), and the `nodes` (n,) [s] from whose values
+    the `weights` (k, n) sum up the value of any function that is made of e^(A T) at each of the periods."""
+
+    at: np.ndarray
+    nodes: np.ndarray
+    weights: np.ndarray
+
+
+def nodes_of_periods(A: np.ndarray, periods: np.ndarray, same: float) -> list[Nodes]:
+    """All `periods` (k,) [s] in groups, for A (n, n) [1/s]. Those that differ by the part `same` are one,
+    which is its own node. Where more than MOST_ALONE are in one part of an octave, their nodes are those of
+    Chebyshev in that part, which leave 1e-11 where the largest eigenvalue times half of it is NODES_REACH:
+    other periods there have the same nodes."""
+    octave = np.floor(np.log2(periods))
+    low = np.exp2(octave)
+    rate = float(np.max(np.abs(np.linalg.eigvals(A)))) if np.all(np.isfinite(A)) else 0.0
+    parts = np.ceil(np.maximum(low * rate / (2.0 * NODES_REACH), 1.0))
+    part = np.floor((periods / low - 1.0) * parts)
+    alone = np.rint(periods / (same * low)) * same * low  # of the octave: equal ones are equal everywhere
+    groups = []
+    for one in np.unique(octave + (part / parts)):
+        at = np.flatnonzero(octave + part / parts == one)
+        distinct, which = np.unique(alone[at], return_inverse=True)
+        if distinct.size > MOST_ALONE:
+            width = low[at[0]] / parts[at[0]]
+            groups.append(_interpolated(at, periods[at], low[at[0]] + width * part[at[0]], width))
+            continue
+        for i, length in enumerate(distinct):
+            own = at[which == i]
+            groups.append(Nodes(own, np.array([length]), np.ones((own.size, 1))))
+    return groups
+
+
+def _interpolated(at: np.ndarray, periods: np.ndarray, low: float, width: float) -> Nodes:
+    places = chebyshev.chebpts1(N_NODES)
+    # The polynomials are orthogonal on their nodes: the inverse of their values is their transpose, scaled.
+    values = chebyshev.chebvander(places, N_NODES - 1)
+    inverse = values.T / np.sum(values**2, axis=0)[:, None]
+    at_periods = chebyshev.chebvander(2.0 * (periods - low) / width - 1.0, N_NODES - 1)
+    return Nodes(at, low + width * (1.0 + places) / 2.0, at_periods @ inverse)
 
 
 def _reach(A: np.ndarray, relative: np.ndarray) -> float:

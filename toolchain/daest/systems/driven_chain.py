@@ -25,16 +25,17 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from daest.model.flat import ExplicitModel
-from daest.numerics.exponential import STRAIGHT, transition_integrals
-from daest.numerics.recursions import linear_recursion
+from daest.numerics.exponential import STRAIGHT, Nodes, nodes_of_periods, transition_integrals
+from daest.numerics.recursions import linear_recursion, varying_recursion
 from daest.systems.sensor_laws import relative_slopes, sensor_laws
+from daest.systems.tolerances import SOLVER
 
 FEWEST = 4  # states of a chain that are worth it
 PARTS = 4  # of a sample interval, on each of which the signal is a straight line
 LOOKS = 6  # points at which it is looked how the rest sees the chain
 SAME = 1e-10  # relative to the largest slope, that of one signal by rounding
 SEED = 1
-MOST_KEPT = 4  # steps of chains: the segments of a record take the same ones
+MOST_KEPT = 256  # lengths of steps: the segments of a record take the same ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,36 +222,36 @@ def driving(
     chain: DrivenChain,
     theta: np.ndarray,
     columns: Sequence[int],
-    period: float,
+    lengths: np.ndarray,
     inputs: tuple[np.ndarray, np.ndarray, np.ndarray | None],
     start: np.ndarray,
     with_slopes: bool = True,
 ) -> Driving:
-    """From the `start` (n_c,) of the chain, over intervals of one length `period` [s]. inputs: ū at the two
-    ends of every interval, each (n_samples - 1, n_ū), and their bends (n_samples - 1, 2, n_ū) or None.
-    `columns`: positions of the parameters along which sensitivities are wanted."""
+    """From the `start` (n_c,) of the chain, over intervals of the `lengths` (n_samples - 1,) [s]. inputs: ū
+    at the two ends of every interval, each (n_samples - 1, n_ū), and their bends (n_samples - 1, 2, n_ū) or
+    None. `columns`: positions of the parameters along which sensitivities are wanted."""
     by = tuple(columns[place] for place in chain.driven(columns))
     powers = _powers(inputs)
     n_steps, n_c, p = powers[0].shape[0], chain.members.size, len(by)
-    steps, head = _steps(chain, theta.tobytes(), by, period, len(powers)), n_c * (1 + p)
+    every, head = _all_steps(chain, theta, by, lengths, len(powers)), n_c * (1 + p)
     behind = np.hstack([*powers, np.ones((n_steps, 1))])
     # The states first, then what they drive: their sensitivities.
-    whole = steps.transition
-    drive, transition = behind @ whole[:head, head:].T, np.ascontiguousarray(whole[:n_c, :n_c])
-    states = linear_recursion(transition, drive[:, :n_c], start)
+    drive = every.applied("transition", behind, np.s_[:, head:])
+    states = every.recursion(n_c, drive[None, :, :n_c], start[None])[0]
     slopes = np.zeros((p + n_c, n_steps + 1, n_c))
     if with_slopes:
         moved = np.zeros((p + n_c, n_steps, n_c))
-        by_states = drive[:, n_c:] + states[:-1] @ whole[n_c:head, :n_c].T
+        by_states = drive[:, n_c:] + every.applied("transition", states[:-1], np.s_[n_c:, :n_c])
         moved[:p] = by_states.reshape(n_steps, p, n_c).transpose(1, 0, 2)
-        slopes = linear_recursion(transition, moved, np.vstack([np.zeros((p, n_c)), np.eye(n_c)]))
+        slopes = every.recursion(n_c, moved, np.vstack([np.zeros((p, n_c)), np.eye(n_c)]))
     ends = np.zeros((n_steps, 2 * PARTS, 1 + p + n_c))
     if with_slopes:
         z = np.hstack([states[:-1], *slopes[:p, :-1], behind])
-        ends[:, :, : 1 + p] = (z @ steps.lines.reshape(-1, z.shape[1]).T).reshape(n_steps, -1, 1 + p)
-        ends[:, :, 1 + p :] = (slopes[p:, :-1] @ steps.lines[:, 0, :n_c].T).transpose(1, 2, 0)
+        ends[:, :, : 1 + p] = every.applied("lines", z, np.s_[:, :]).reshape(n_steps, -1, 1 + p)
+        ends[:, :, 1 + p :] = every.applied("signal", slopes[p:, :-1], np.s_[:, :n_c]).transpose(1, 2, 0)
     else:
-        ends[:, :, 0] = states[:-1] @ steps.lines[:, 0, :n_c].T + behind @ steps.lines[:, 0, head:].T
+        ends[:, :, 0] = every.applied("signal", states[:-1], np.s_[:, :n_c])
+        ends[:, :, 0] += every.applied("signal", behind, np.s_[:, head:])
     sampled = np.vstack([(states @ chain.seen)[None], slopes @ chain.seen]).T
     return Driving(states, slopes, ends[:, ::2], ends[:, 1::2], sampled)
 
@@ -267,11 +268,58 @@ def _powers(inputs: tuple[np.ndarray, np.ndarray, np.ndarray | None]) -> list[np
 @dataclass(frozen=True)
 class _Steps:
     """Of ż = M z, z = (c, ∂c/∂θ of some parameters, coefficients of the inputs in powers of the part of an
-    interval, 1): the `transition` over an interval, and the `lines` (2 PARTS, 1 + p, n_z) from z at its start
-    to w and to its sensitivities along parameters at the two ends of its parts, one after the other."""
+    interval, 1), over an interval of one length: the rows of the `transition` (n_c (1 + p), n_z) that give c
+    and ∂c/∂θ at its end, and the `lines` (2 PARTS (1 + p), n_z) from z at its start to w and to its
+    sensitivities along parameters at the two ends of its parts, one after the other; those of w alone are the
+    `signal` (2 PARTS, n_z)."""
 
     transition: np.ndarray
     lines: np.ndarray
+    signal: np.ndarray
+
+
+@dataclass(frozen=True)
+class _AllSteps:
+    """The steps of a record: for each of `groups`, of intervals of lengths near each other, those of its
+    nodes."""
+
+    groups: tuple[tuple[Nodes, list[_Steps]], ...]
+
+    def applied(self, name: str, rows: np.ndarray, part: tuple[slice, slice]) -> np.ndarray:
+        """The `part` of the matrix `name` of every step times the `rows` (..., n_steps, n_columns), one for
+        each step: (..., n_steps, n_rows)."""
+        if len(self.groups) == 1 and len(self.groups[0][1]) == 1:
+            return np.asarray(rows @ getattr(self.groups[0][1][0], name)[part].T)
+        found = np.zeros((*rows.shape[:-1], getattr(self.groups[0][1][0], name)[part].shape[0]))
+        for group, steps in self.groups:
+            own = rows[..., group.at, :]
+            terms = zip(group.weights.T, steps, strict=True)
+            found[..., group.at, :] = sum(w[:, None] * (own @ getattr(one, name)[part].T) for w, one in terms)
+        return found
+
+    def recursion(self, n_c: int, drive: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """States (k, n_steps + 1, n_c) of the chain, or of its sensitivities, from the `start` (k, n_c) with
+        what drives them (k, n_steps, n_c)."""
+        if len(self.groups) == 1 and len(self.groups[0][1]) == 1:
+            return linear_recursion(self.groups[0][1][0].transition[:n_c, :n_c], drive, start)
+        transitions = np.empty((drive.shape[1], n_c, n_c))
+        for group, steps in self.groups:
+            nodes = np.array([one.transition[:n_c, :n_c] for one in steps])
+            transitions[group.at] = np.tensordot(group.weights, nodes, 1)
+        return varying_recursion(transitions, np.ascontiguousarray(drive), start)
+
+
+def _all_steps(
+    chain: DrivenChain, theta: np.ndarray, by: tuple[int, ...], lengths: np.ndarray, n_powers: int
+) -> _AllSteps:
+    A = np.array(chain.matrices(theta)[0])
+    groups = nodes_of_periods(A, lengths, SOLVER.equal_steps)
+    key = theta.tobytes()
+    return _AllSteps(
+        tuple(
+            (one, [_steps(chain, key, by, node, n_powers) for node in one.nodes.tolist()]) for one in groups
+        )
+    )
 
 
 @lru_cache(maxsize=MOST_KEPT)
@@ -305,7 +353,9 @@ def _steps(chain: DrivenChain, theta: bytes, by: tuple[int, ...], period: float,
     for _ in range(PARTS):
         lines += list(ends)
         ends = ends @ step.transition
-    return _Steps(np.linalg.matrix_power(step.transition, PARTS), np.array(lines))
+    table = np.array(lines)
+    transition = np.ascontiguousarray(np.linalg.matrix_power(step.transition, PARTS)[:head])
+    return _Steps(transition, table.reshape(-1, table.shape[2]), table[:, 0])
 
 
 def parts_of_inputs(

@@ -748,9 +748,10 @@ def _run_exactly(model: AffineIntegrator, run: Run) -> Trajectory:
 
 
 def _has_driven_chain(chain: DrivenChain, run: Run) -> bool:
-    """Whether all intervals are of one length, and no sample corrects the chain: no noise of the model
-    reaches it."""
-    if run.time.size < 2:
+    """Whether no sample corrects the chain: no noise of the model reaches it. The longest interval is no gap,
+    whose parts would be too long for a straight line."""
+    intervals = np.diff(run.time)
+    if not intervals.size or np.max(intervals) > SOLVER.longest_interval * np.median(intervals):
         return False
     if run.correction is not None:
         if chain.alone:
@@ -761,16 +762,15 @@ def _has_driven_chain(chain: DrivenChain, run: Run) -> bool:
             least = SOLVER.uncorrected * np.max(moved, initial=0.0)
             if np.max(moved[:, chain.members], initial=0.0) > least:
                 return False
-    return _has_equal_steps(run.time)
+    return True
 
 
 def _run_beside_chain(model: ChainIntegrator, run: Run) -> Trajectory:
     chain, n, columns = model.chain, run.time.size, model.explicit.flat.parameter_columns(model.begun)
-    period = float(run.time[-1] - run.time[0]) / (n - 1)
-    inputs = run.u0, run.u1, run.bent
+    inputs, lengths = (run.u0, run.u1, run.bent), np.diff(run.time)
     with np.errstate(over="ignore", invalid="ignore"):
         start, with_slopes = run.x0[chain.members], run.directions > 0
-        made = driving(chain, run.theta, columns, period, inputs, start, with_slopes)
+        made = driving(chain, run.theta, columns, lengths, inputs, start, with_slopes)
     if not all(np.all(np.isfinite(part)) for part in (made.states, made.start, made.end, made.sampled)):
         raise IntegrationError(FAILURES[3], float(run.time[0]))
     rest = _run_of_rest(chain, run, made, len(columns))
