@@ -11,6 +11,7 @@ from hidden_plants import library, model, prove, quiet, rotor_record, rubbing, s
 from daest.diagnosis import proof as proving
 from daest.diagnosis import settled as settling
 from daest.diagnosis.candidates import pairs
+from daest.diagnosis.certainty import certainty_of, known_products
 from daest.diagnosis.clipping import Clip, clips_of, with_clipped_sensors
 from daest.diagnosis.course import _possible, _with_better_kinks, _with_second_tries
 from daest.diagnosis.disturbance import place_gains, smoothed_load
@@ -21,10 +22,10 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import _is_much_left, with_steady_error
 from daest.diagnosis.ranking import _ends_in_a_simpler_law, best_accepted, least_hope, ranked
 from daest.diagnosis.reasons import (
-    _certainty,
     is_significant,
     lag_too_short,
     not_determined,
+    told_values,
     too_slow,
     unexplained,
     weak,
@@ -668,7 +669,7 @@ def test_torque_is_known_by_its_ratio_where_no_sensor_tells_the_scale_of_all_tor
 
     def certainty(fit, effect=candidate.effect, before=vague):
         parameter = next(p for p in fit.parameters if p.name == own)
-        return _certainty(replace(candidate, effect=effect), fit, parameter, effect.sizes[0], before)
+        return certainty_of(replace(candidate, effect=effect), fit, parameter, effect.sizes[0], before)
 
     assert certainty(told(0.99)) == pytest.approx(1.0 / (0.4 * np.sqrt(2.0 * 0.01)))
     assert not_determined(candidate, told(0.99), vague) == ""
@@ -687,6 +688,18 @@ def test_torque_is_known_by_its_ratio_where_no_sensor_tells_the_scale_of_all_tor
     assert certainty(told(-0.99), bent, sharp) == pytest.approx(1.0 / (0.4 * np.sqrt(2.0 * 0.01)))
     assert certainty(told(0.99), bent, sharp) == pytest.approx(2.5)
     assert "tau_c = 0.15 ± 0.06 N.m" in not_determined(candidate, told(0.99), sharp)
+
+    # What is known is told: the product, or the ratio, with its unit and its error.
+    (product,) = known_products(replace(candidate, effect=bent), told(-0.99))
+    J = proof.fit.theta["J"]
+    assert (product.name, product.unit) == ("tau_c*J", "N.m3.kg")
+    assert product.value == pytest.approx(0.15 * J)
+    assert product.std_error == pytest.approx(0.15 * J * 0.4 * np.sqrt(2.0 * 0.01))
+    (ratio,) = known_products(candidate, told(0.99))
+    assert (ratio.name, ratio.value) == ("tau_c/J", pytest.approx(0.15 / J))
+    assert known_products(candidate, told(0.0)) == ()
+    said = told_values(replace(proof, fit=told(0.99), final=None))
+    assert said.startswith("tau_c = 0.15 ± 0.06 N.m, tau_c/J = ")
 
 
 def test_a_place_or_a_phase_is_not_known_by_being_off_zero():

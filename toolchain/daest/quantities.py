@@ -119,6 +119,27 @@ def is_known_unit(text: str) -> bool:
     return bool(text.strip())
 
 
+def over_power(unit: str, other: str, power: float) -> str:
+    """The unit of a quantity in `unit` over a `power` of one in `other`; empty where whole exponents do not
+    spell it. Raises DataError `unit-unknown` for what is no unit expression.
+
+    >>> over_power("N.m", "V", 2)
+    'N.m/V2'
+    """
+    factors = dict(parse_unit(unit))
+    for symbol, exponent in parse_unit(other).items():
+        change = power * exponent
+        if not float(change).is_integer():
+            return ""
+        factors[symbol] = factors.get(symbol, 0) - int(change)
+    above = [f"{s}{e if e > 1 else ''}" for s, e in factors.items() if e > 0]
+    below = [f"{s}{-e if e < -1 else ''}" for s, e in factors.items() if e < 0]
+    if not below:
+        return ".".join(above) or "1"
+    under = ".".join(below)
+    return f"{'.'.join(above) or '1'}/{f'({under})' if len(below) > 1 else under}"
+
+
 def dimensions(text: str) -> dict[str, float] | None:
     """Exponents of the base quantities ([mass], [length], [time], ...) in a unit; those of an angle, of `1`
     and of the empty text are none. None for a unit that is not known."""

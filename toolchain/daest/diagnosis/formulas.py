@@ -18,7 +18,7 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.model.diagnosis import Coefficient, Curve, Formula
-from daest.quantities import parse_unit
+from daest.quantities import over_power
 
 MOST_TERMS = 3
 WELL_FITTED = 12  # sums of two terms that are tried with a third
@@ -83,7 +83,7 @@ def formula(
             _X.sub(lambda _: curve.variable, term.text) or "1",
             float(value),
             float(error),
-            _unit(unit, variable_unit, term.power),
+            over_power(unit, variable_unit, term.power),
         )
         for term, value, error in zip(found.terms, found.values, errors, strict=True)
     )
@@ -197,22 +197,6 @@ def _beyond(at: float) -> Function:
 
 def _above(at: float) -> Function:
     return lambda v: np.maximum(v - at, 0.0)
-
-
-def _unit(unit: str, variable_unit: str, power: float) -> str:
-    """Unit of a coefficient, empty where it cannot be written with whole exponents."""
-    factors = dict(parse_unit(unit))
-    for symbol, exponent in parse_unit(variable_unit).items():
-        change = power * exponent
-        if not float(change).is_integer():
-            return ""
-        factors[symbol] = factors.get(symbol, 0) - int(change)
-    above = [f"{s}{e if e > 1 else ''}" for s, e in factors.items() if e > 0]
-    below = [f"{s}{-e if e < -1 else ''}" for s, e in factors.items() if e < 0]
-    if not below:
-        return ".".join(above) or "1"
-    under = ".".join(below)
-    return f"{'.'.join(above) or '1'}/{f'({under})' if len(below) > 1 else under}"
 
 
 def _text(curve: Curve, coefficients: Sequence[Coefficient]) -> str:

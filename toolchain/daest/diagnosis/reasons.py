@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from daest.diagnosis.candidates import scaled_by, scaled_shapes
+from daest.diagnosis.certainty import KnownProduct, certainty_of, known_products
 from daest.diagnosis.free_forms import covers
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown
@@ -67,7 +68,7 @@ def weak(prepared: Prepared, fit: FitResult, before: FitResult) -> str:
         # Beside estimated shapes a size alone tells little: there the likelihood ratio has spoken.
         shares = sum(p.estimate for p in candidate.effect.parameters) > len(candidate.effect.sizes)
         least = GATES.min_dynamic_significance if candidate.is_dynamic else GATES.min_significance
-        certainty = _certainty(candidate, fit, size, parameter, before)
+        certainty = certainty_of(candidate, fit, size, parameter, before)
         reason = _weak_size(size, parameter.null or 0.0, 0.0 if shares else least, certainty)
         if not reason:
             return ""
@@ -110,7 +111,9 @@ def not_determined(
     unknown = [
         told_value(p)
         for p in own
-        if not _is_known(p, law[p.name], _certainty(candidate, told, p, law[p.name], before), least_of_place)
+        if not _is_known(
+            p, law[p.name], certainty_of(candidate, told, p, law[p.name], before), least_of_place
+        )
     ]
     if not own or len(unknown) < len(own):
         return ""
@@ -191,70 +194,23 @@ def _is_known(
     return certainty >= (least_of_place if _is_place(declared) else GATES.min_significance)
 
 
-def _certainty(
-    candidate: Candidate,
-    told: FitResult,
-    own: FittedParameter,
-    declared: EffectParameter,
-    before: FitResult,
-) -> float:
-    """How many standard errors a parameter of a law is off its null. A size counts by its ratio to a
-    parameter of the model, too, where that cannot vanish: torques whose scale no sensor tells are as
-    uncertain as this scale, each of them, and none of them is zero for that. Not by one to a parameter that
-    was known `before` the law was there: the law then only takes its place, and their difference is all that
-    is known. Nor the size of a law that changes the order of the model, whose ratios to other times are no
-    scales. The bend of a signal counts by its product with such a parameter, known before or not: a thrust
-    with the square of a command has no other gain, and relative to that its bend may be anything, while the
-    product is certain. 0 where nothing is known."""
-    null, error = declared.null or 0.0, own.std_error
-    if error is None:
-        return 0.0
-    alone = abs(own.value - null) / error if error else np.inf
-    if declared.role != "size" or null or candidate.effect.is_dynamic or not own.value:
-        return alone
-    names, cov = told.covariance()
-    known = dict(zip(names, range(len(names)), strict=True))
-    if own.name not in known:
-        return alone
-    is_bend = declared.signal_unit == "1/u"
-    scales = [
-        p
-        for p in told.parameters
-        if p.name in known
-        and not p.name.startswith(f"{candidate.name}.")
-        and p.min is not None
-        and p.min >= 0.0 < p.value
-        and (is_bend or not _is_blurred(p, before))
-    ]
-    i, found = known[own.name], alone
-    for p in scales:
-        j = known[p.name]
-        relative = np.array([1.0 / own.value, (1.0 if is_bend else -1.0) / p.value])
-        spread = float(relative @ cov[np.ix_([i, j], [i, j])] @ relative)
-        found = max(found, float(1.0 / np.sqrt(spread)) if spread > 0.0 else 0.0)
-    return found
-
-
-def _is_blurred(parameter: FittedParameter, before: FitResult) -> bool:
-    """Whether a parameter of the model is far less certain with a law than it was `before`."""
-    first = next((p for p in before.parameters if p.name == parameter.name), None)
-    if first is None or not first.std_error or not first.value or parameter.std_error is None:
-        return False
-    now, then = parameter.std_error / abs(parameter.value), first.std_error / abs(first.value)
-    return now > GATES.max_blurred * then and now > 1.0 / GATES.min_significance
-
-
 def told_value(parameter: FittedParameter) -> str:
     """The parameter of an effect with its uncertainty, as messages tell it."""
-    error = "" if parameter.std_error is None else f" ± {parameter.std_error:.2g}"
-    unit = "" if parameter.unit == "1" else parameter.unit
-    return f"{parameter.name.partition('.')[2]} = {parameter.value:.4g}{error} {unit}".rstrip()
+    return _told(parameter.name.partition(".")[2], parameter)
+
+
+def _told(name: str, one: FittedParameter | KnownProduct) -> str:
+    error = "" if one.std_error is None else f" ± {one.std_error:.2g}"
+    unit = "" if one.unit == "1" else one.unit
+    return f"{name} = {one.value:.4g}{error} {unit}".rstrip()
 
 
 def told_values(proof: Proof) -> str:
-    """The parameters of a law with their uncertainties, as messages tell them."""
+    """The parameters of a law with their uncertainties, and what is known of them beside others alone, as
+    messages tell them."""
     own = f"{proof.candidate.name}."
-    return ", ".join(told_value(p) for p in proof.told.parameters if p.name.startswith(own))
+    told = [told_value(p) for p in proof.told.parameters if p.name.startswith(own)]
+    return ", ".join(told + [_told(p.name, p) for p in known_products(proof.candidate, proof.told)])
 
 
 def unexplained(explained: float, ratios: Sequence[float]) -> str:

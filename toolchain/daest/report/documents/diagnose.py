@@ -7,6 +7,7 @@ from typing import Annotated, NotRequired, TypedDict
 
 import numpy as np
 
+from daest.diagnosis.certainty import known_products
 from daest.diagnosis.written import Written
 from daest.model.diagnosis import (
     CandidateVerdict,
@@ -70,6 +71,12 @@ class CandidateEntry(_Class):
     equivalent_places: Annotated[list[str], Of("equivalent")]
     inputs: NotRequired[Annotated[dict[str, str], Of("candidate.inputs")]]
     parameters: dict[str, Uncertain]
+    known_products: NotRequired[
+        Annotated[
+            dict[str, Uncertain],
+            "of sizes that the data do not determine with a parameter of the model, or ratios (c/J)",
+        ]
+    ]
     model_parameters: NotRequired[dict[str, Uncertain]]
     settings: NotRequired[
         Annotated[dict[str, float], "all parameters of the effect, those that were not estimated too"]
@@ -294,6 +301,7 @@ def _candidate(proof: Proof, model: Written | None) -> CandidateEntry:
         CandidateEntry,
         proof,
         parameters=fitted,
+        known_products={p.name: p for p in known_products(proof.candidate, proof.told)},
         model_parameters=[p for p in proof.told.parameters if not p.name.startswith(prefix)],
         settings=settings,
         **errors_entry(proof.told.simulated),

@@ -101,7 +101,8 @@ def size(name: str, parameter: Mapping[str, Any]) -> str:
 
 
 def _remarks(candidate: Mapping[str, Any]) -> Iterator[RenderableType]:
-    sizes = ", ".join(size(name, p) for name, p in candidate["parameters"].items())
+    told = candidate["parameters"] | candidate.get("known_products", {})
+    sizes = ", ".join(size(name, p) for name, p in told.items())
     said = [candidate["reason"]] if candidate["reason"] else []
     if candidate["not_separable_from"]:
         said.append(f"not separable from {', '.join(candidate['not_separable_from'])}")
@@ -109,8 +110,8 @@ def _remarks(candidate: Mapping[str, Any]) -> Iterator[RenderableType]:
         said.append(f"the sensors see it alike at {grouped(candidate['equivalent_places'])}")
     if candidate["model_reason"]:
         said.append(f"no Modelica model: {candidate['model_reason']}")
-    told = [part for part in (sizes, *said) if part]
-    yield indented(f"{_label(candidate)}: {'; '.join(told)}" if told else _label(candidate))
+    parts = [part for part in (sizes, *said) if part]
+    yield indented(f"{_label(candidate)}: {'; '.join(parts)}" if parts else _label(candidate))
 
 
 def _screen(screen: Mapping[str, Any]) -> Iterator[RenderableType]:

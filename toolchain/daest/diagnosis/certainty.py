@@ -1,0 +1,121 @@
+"""How well the data determine the parameters of a law, alone or beside a parameter of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from daest.diagnosis.gates import GATES
+from daest.model.diagnosis import Candidate
+from daest.model.effects import EffectParameter
+from daest.model.fit import FitResult, FittedParameter
+from daest.quantities import is_unit_expression, over_power
+
+
+@dataclass(frozen=True)
+class KnownProduct:
+    """The product of a size and a parameter of the model, `name` (`a*k`), or their ratio (`c/J`), where the
+    data determine that and not the size."""
+
+    name: str
+    value: float
+    std_error: float
+    unit: str
+
+
+def certainty_of(
+    candidate: Candidate,
+    told: FitResult,
+    own: FittedParameter,
+    declared: EffectParameter,
+    before: FitResult,
+) -> float:
+    """How many standard errors a parameter of a law is off its null. A size counts by its ratio to a
+    parameter of the model, too, where that cannot vanish: torques whose scale no sensor tells are as
+    uncertain as this scale, each of them, and none of them is zero for that. Not by one to a parameter that
+    was known `before` the law was there: the law then only takes its place, and their difference is all that
+    is known. Nor the size of a law that changes the order of the model, whose ratios to other times are no
+    scales. The bend of a signal counts by its product with such a parameter, known before or not: a thrust
+    with the square of a command has no other gain, and relative to that its bend may be anything, while the
+    product is certain. 0 where nothing is known."""
+    null, error = declared.null or 0.0, own.std_error
+    if error is None:
+        return 0.0
+    alone = abs(own.value - null) / error if error else np.inf
+    beside = (
+        1.0 / spread
+        for scale, spread in _beside_scales(candidate, told, own, declared)
+        if _is_bend(declared) or not _is_blurred(scale, before)
+    )
+    return max(alone, *beside, 0.0)
+
+
+def known_products(candidate: Candidate, told: FitResult) -> tuple[KnownProduct, ...]:
+    """For each size of a law that is not significant alone, what is known best beside a parameter of the
+    model that is no more certain; none where that is not significant either."""
+    declared = {f"{candidate.name}.{p.name}": p for p in candidate.effect.sizes}
+    found = []
+    for own in (p for p in told.parameters if p.name in declared and p.std_error):
+        size = declared[own.name]
+        if abs(own.value - (size.null or 0.0)) >= GATES.min_significance * (own.std_error or 0.0):
+            continue
+        beside = [
+            (spread, scale)
+            for scale, spread in _beside_scales(candidate, told, own, size)
+            if spread * GATES.min_significance <= 1.0
+        ]
+        if beside:
+            spread, scale = min(beside, key=lambda one: one[0])
+            found.append(_product(own, scale, spread, 1 if _is_bend(size) else -1))
+    return tuple(found)
+
+
+def _product(own: FittedParameter, scale: FittedParameter, spread: float, power: int) -> KnownProduct:
+    value = own.value * scale.value**power
+    return KnownProduct(
+        f"{own.name.partition('.')[2]}{'*' if power > 0 else '/'}{scale.name}",
+        value,
+        abs(value) * spread,
+        over_power(own.unit, scale.unit, -power) if _are_spelled(own.unit, scale.unit) else "",
+    )
+
+
+def _are_spelled(*units: str) -> bool:
+    return all(map(is_unit_expression, units))
+
+
+def _is_bend(declared: EffectParameter) -> bool:
+    """Whether a size bends a signal: it counts by its product with a gain."""
+    return declared.signal_unit == "1/u"
+
+
+def _beside_scales(
+    candidate: Candidate, told: FitResult, own: FittedParameter, declared: EffectParameter
+) -> Iterator[tuple[FittedParameter, float]]:
+    """The parameters of the model that cannot vanish, each with the standard error of the logarithm of its
+    ratio to a size, or of its product with it for a bend."""
+    if declared.role != "size" or declared.null or candidate.effect.is_dynamic or not own.value:
+        return
+    names, cov = told.covariance()
+    known = dict(zip(names, range(len(names)), strict=True))
+    for p in told.parameters if own.name in known else ():
+        if p.name.startswith(f"{candidate.name}.") or p.name not in known:
+            continue
+        if p.min is None or not p.min >= 0.0 < p.value:
+            continue
+        both = np.ix_([known[own.name], known[p.name]], [known[own.name], known[p.name]])
+        relative = np.array([1.0 / own.value, (1.0 if _is_bend(declared) else -1.0) / p.value])
+        variance = float(relative @ cov[both] @ relative)
+        if variance > 0.0:
+            yield p, float(np.sqrt(variance))
+
+
+def _is_blurred(parameter: FittedParameter, before: FitResult) -> bool:
+    """Whether a parameter of the model is far less certain with a law than it was `before`."""
+    first = next((p for p in before.parameters if p.name == parameter.name), None)
+    if first is None or not first.std_error or not first.value or parameter.std_error is None:
+        return False
+    now, then = parameter.std_error / abs(parameter.value), first.std_error / abs(first.value)
+    return now > GATES.max_blurred * then and now > 1.0 / GATES.min_significance
