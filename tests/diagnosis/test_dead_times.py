@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from test_bent_models import ARM
 
+from daest.diagnosis.candidates import pairs
 from daest.diagnosis.chosen import chosen_candidates
 from daest.diagnosis.dead_times import best_shift, shifted_back
 from daest.diagnosis.diagnose import diagnose
@@ -106,3 +107,11 @@ def test_what_runs_by_itself_is_not_late(n_outputs):
     late = {c.site.name for c in found if c.effect.name == "Delay"}
     assert late == (set() if n_outputs == 1 else set(names))
     assert "Lag" in {c.effect.name for c in found}
+
+
+def test_candidates_have_names_that_no_component_of_the_model_has():
+    places = sites(compile_text(ROLL_OUT.encode(), Path("RollOut.mo")))
+    found = pairs(effect_library(), places)
+    assert [c.name for c in found[:4]] == ["effect_1", "effect_2", "effect_3", "effect_4"]
+    later = pairs(effect_library(), places, taken={"effect_1", "effect_3_2", "car"})
+    assert [c.name for c in later[:2]] == ["effect_2", "effect_4"]

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
-from itertools import product
+from itertools import count, product
 
 import casadi as ca
 import numpy as np
@@ -34,29 +34,33 @@ NO_SITES = ("parameter",)  # a drifting parameter is looked for by name, not eve
 
 
 def pairs(
-    effects: Sequence[Effect], places: Sequence[Site], columns: Sequence[str] = ()
+    effects: Sequence[Effect],
+    places: Sequence[Site],
+    columns: Sequence[str] = (),
+    taken: Collection[str] = (),
 ) -> tuple[Candidate, ...]:
-    """Effects at sites, shapes not yet chosen. Effects that need a measured signal are tried with every one
-    of `columns`, the recorded signals that the model does not use.
+    """Effects at sites, shapes not yet chosen, under names that no component of `taken` has. Effects that
+    need a measured signal are tried with every one of `columns`, the recorded signals that the model does not
+    use.
 
     What flows to ground leaves the model: an effect between two nodes that would say
     the same as one of a single node is left out. So are signals inside, where there are too many."""
     found: list[Candidate] = []
     if sum(site.kind == "signal" for site in places) > MOST_INSIDE:
         places = [site for site in places if site.kind != "signal"]
-    names = {effect.name for effect in effects}
+    known = {effect.name for effect in effects}
+    stems = {"_".join(name.split("_")[:2]) for name in taken}  # a shape adds its number
+    names = (name for n in count(1) if (name := f"effect_{n}") not in stems)
     for effect in effects:
         if effect.name.startswith(LEARNED):
             continue
         for site in places:
             if site.kind in NO_SITES or not fits(effect, site):
                 continue
-            if site.is_grounded and effect.grounded in names:
+            if site.is_grounded and effect.grounded in known:
                 continue
             supplies = [{effect.inputs[0]: c} for c in columns] if effect.inputs else [{}]
-            found += [
-                Candidate(effect, site, f"effect_{len(found) + i + 1}", {}, s) for i, s in enumerate(supplies)
-            ]
+            found += [Candidate(effect, site, next(names), {}, s) for s in supplies]
     return tuple(found)
 
 

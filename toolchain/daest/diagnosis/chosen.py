@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -20,11 +20,13 @@ def chosen_candidates(
     places: Sequence[Site],
     experiments: Sequence[Experiment],
     options: DiagnoseOptions,
+    taken: Collection[str] = (),
 ) -> tuple[Candidate, ...]:
-    """The effects of the library at the places where they fit, those that `options` name. No dead time of the
-    one output of a model without inputs: what runs by itself is as late where it began elsewhere."""
+    """The effects of the library at the places where they fit, those that `options` name, under names that
+    are not `taken`. No dead time of the one output of a model without inputs: what runs by itself is as late
+    where it began elsewhere."""
     columns = [name for name in experiments[0].extra if _is_new_signal(name, experiments)]
-    whole = pairs(library, places, columns)
+    whole = pairs(library, places, columns, taken)
     runs_by_itself = not experiments[0].input_names and len(experiments[0].output_names) == 1
     return tuple(
         c

@@ -28,6 +28,7 @@ from daest.diagnosis.stand import Stand, quiet
 from daest.diagnosis.unseen import innovations
 from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
 from daest.model.effects import Effect
+from daest.modelica.attach import names_of
 from daest.modelica.sites import sites_left
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers, called, workers
@@ -59,7 +60,9 @@ def _examined(
 ) -> Diagnosis:
     beside: list[_Beside] = []
     places = sites_left(stand.declared, stand.null.flat)
-    candidates = chosen_candidates(library, places, stand.null.experiments, options)
+    candidates = chosen_candidates(
+        library, places, stand.null.experiments, options, names_of(stand.null.flat)
+    )
     progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
 
     def screened() -> tuple[Stand, tuple[Candidate, ...], NullObserver, Screen, Screen | None]:
