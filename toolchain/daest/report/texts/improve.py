@@ -23,7 +23,7 @@ def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield heading("Ledger (rms errors of the simulation on validation data)")
     yield _ledger(document)
     for i, step in enumerate(document["steps"]):
-        yield from _remarks(i, step)
+        yield from _remarks(i, step, is_last=step is document["steps"][-1])
     yield from _in_the_end(document["steps"])
     yield from diagnose.remark(document["final"])
     if document["folder"]:
@@ -54,11 +54,12 @@ def _ledger(document: Mapping[str, Any]) -> RenderableType:
     return table(("", "added", "place", *errors, "BIC gain"), rows, text_columns=(0, 1, 2))
 
 
-def _remarks(i: int, step: Mapping[str, Any]) -> Iterator[RenderableType]:
-    """Size of the effect that was added, and what else is to be said of the step."""
+def _remarks(i: int, step: Mapping[str, Any], is_last: bool) -> Iterator[RenderableType]:
+    """Size of the effect that was added, and what else is to be said of the step. A size that nothing tells
+    before a later effect is there is told in the last model alone."""
     if step["added"] is None:
         return
-    sizes = _sizes(step, step)
+    sizes = _sizes(step, step, is_last)
     alike = diagnose.grouped(step["equivalent_places"])
     seen = f"; the sensors see it alike at {alike}" if alike else ""
     file = step["model"] or f"not written: {step['model_reason']}"
@@ -76,7 +77,9 @@ def _in_the_end(steps: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
         yield indented(f"in the last model: {'; '.join(told)}")
 
 
-def _sizes(step: Mapping[str, Any], model: Mapping[str, Any]) -> str:
-    """The parameters of the effect that a step has added, as the `model` of a step has them."""
+def _sizes(step: Mapping[str, Any], model: Mapping[str, Any], every: bool = True) -> str:
+    """The parameters of the effect that a step has added, as the `model` of a step has them: `every` one, or
+    those with an uncertainty."""
     own = of_component(model["parameters"], step["component"])
-    return ", ".join(diagnose.size(name, p) for name, p in own.items())
+    told = {name: p for name, p in own.items() if every or p["std_error"] is not None}
+    return ", ".join(diagnose.size(name, p) for name, p in told.items())
