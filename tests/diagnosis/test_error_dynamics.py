@@ -14,7 +14,8 @@ from daest.diagnosis.stand import begin
 from daest.modelica.attach import attach
 from daest.modelica.effects import effect_library
 from daest.modelica.sites import sites
-from daest.systems.integrate import Correction, integrate, integrator
+from daest.systems.integrate import integrate, integrator
+from daest.systems.integration import Correction
 
 PUSH = 1e-5  # N.m
 

@@ -44,7 +44,8 @@ from daest.errors import EstimationError
 from daest.model.diagnosis import Screen, Screened
 from daest.modelica.attach import attach
 from daest.modelica.sites import sites
-from daest.systems.integrate import Correction, integrate, integrator
+from daest.systems.integrate import integrate, integrator
+from daest.systems.integration import Correction
 from daest.systems.reduce import reduce_index
 
 EFFECTS = (

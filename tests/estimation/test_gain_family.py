@@ -12,7 +12,8 @@ from daest.estimation.gain_family import Levels, gain_family
 from daest.estimation.noise_levels import average_along
 from daest.estimation.observer import observer
 from daest.estimation.trajectories import TrajectoryProblem
-from daest.systems.integrate import Correction, integrate, integrator
+from daest.systems.integrate import integrate, integrator
+from daest.systems.integration import Correction
 from daest.systems.simulate import simulate
 
 

@@ -154,8 +154,13 @@ def test_errors_of_outputs_in_units_far_apart_have_not_run_away():
 @pytest.mark.parametrize("gain", [None, np.array([[0.3], [0.5]])])
 def test_what_was_run_with_slopes_is_not_run_again_without(gain, monkeypatch):
     p, runs = problem(gain=gain), []
-    integrate = trajectories.integrate
-    monkeypatch.setattr(trajectories, "integrate", lambda *a, **k: runs.append(1) or integrate(*a, **k))
+    integrate_all = trajectories.integrate_all
+
+    def counted(model, records, *given, **options):
+        runs.extend(records)
+        return integrate_all(model, records, *given, **options)
+
+    monkeypatch.setattr(trajectories, "integrate_all", counted)
     z = start(p)
     first = prediction_errors(p, z, with_slopes=True)
     again = prediction_errors(p, z)

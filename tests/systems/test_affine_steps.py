@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from flat_models import Draft
 
-from daest.systems.integrate import AffineIntegrator, Correction, integrate, integrator
+from daest.systems.integrate import AffineIntegrator, integrate, integrator
+from daest.systems.integration import Correction
 from daest.systems.reduce import reduce_index
 
 NAMES = ("J", "c", "gain")

@@ -13,7 +13,8 @@ from daest.estimation.shooting import _with_states
 from daest.modelica.compile import compile_model
 from daest.systems.driven_chain import driven_chain
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import ChainIntegrator, Correction, integrate, integrator
+from daest.systems.integrate import ChainIntegrator, integrate, integrator
+from daest.systems.integration import Correction
 from daest.systems.reduce import reduce_index
 
 SOURCE = Path(__file__).parent / "models" / "LateCart.mo"

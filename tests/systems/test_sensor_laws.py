@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from nonlinear_models import explicit_from
 
-from daest.systems.integrate import Correction, integrate, integrator
+from daest.systems.integrate import integrate, integrator
+from daest.systems.integration import Correction
 from daest.systems.sensor_laws import sensor_laws, slopes_along, steepest_slopes
 
 

@@ -60,8 +60,7 @@ from daest.model.flat import Model
 from daest.model.holds import Hold
 from daest.model.parts import Parameter, Variable
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import Run, Trajectory
-from daest.systems.integration import IntegrationError
+from daest.systems.integration import IntegrationError, Run, Trajectory
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import dynamics
 

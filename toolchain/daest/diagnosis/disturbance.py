@@ -14,8 +14,8 @@ from daest.estimation.observer import observer, sampled_average
 from daest.estimation.stationary import try_stationary_filter
 from daest.model.diagnosis import PlaceGain
 from daest.numerics.recursions import linear_recursion
-from daest.systems.integrate import Correction, Integrator, integrate, integrator
-from daest.systems.integration import IntegrationError
+from daest.systems.integrate import Integrator, integrate, integrator
+from daest.systems.integration import Correction, IntegrationError
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ from daest.model.holds import Hold
 from daest.numerics.exponential import transition_integrals
 from daest.numerics.recursions import linear_recursion, products_along, varying_recursion
 from daest.numerics.tables import turned
-from daest.systems.integrate import Correction, Integrator, integrate, integrator
+from daest.systems.integrate import Integrator, integrate, integrator
+from daest.systems.integration import Correction
 from daest.systems.linearize import has_affine_dynamics
 
 MOST_STATES = 20  # beyond, the sensitivities along a recording take more memory than they are worth

@@ -32,8 +32,8 @@ from daest.model.holds import ZOH
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import settled_start
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import Integrator, Trajectory, integrate, integrator
-from daest.systems.integration import IntegrationError
+from daest.systems.integrate import Integrator, integrate, integrator
+from daest.systems.integration import IntegrationError, Trajectory
 
 FIRST_SAMPLES = 50  # fitted first, so that a wrong start does not lead the whole simulation astray
 ITERATIONS = 15  # of the search for initial states

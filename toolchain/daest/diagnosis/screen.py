@@ -35,8 +35,8 @@ from daest.modelica.attach import components_with
 from daest.numerics.evaluator import along
 from daest.numerics.statistics import autoregression, chi2, norm
 from daest.numerics.tables import turned
-from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, integrator, interval_inputs
-from daest.systems.integration import IntegrationError
+from daest.systems.integrate import Integrator, integrate, integrator, interval_inputs
+from daest.systems.integration import Correction, IntegrationError, Trajectory
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.sensor_laws import slopes_along
 from daest.systems.tolerances import SOLVER

@@ -28,8 +28,8 @@ from daest.model.fit import FitResult, error_ratios
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.quantities import spoken_duration
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, integrator
-from daest.systems.integration import IntegrationError
+from daest.systems.integrate import Integrator, integrate, integrator
+from daest.systems.integration import Correction, IntegrationError, Trajectory
 
 HORIZONS = (1, 3, 10, 30, 100)  # samples, as far as LONGEST allows
 LONGEST = 0.1  # of the shortest recording

@@ -23,8 +23,9 @@ from daest.estimation.ties import Beginning, with_ties
 from daest.model.experiment import Experiment
 from daest.model.holds import Hold
 from daest.numerics.tables import turned
-from daest.systems.integrate import Correction, Integrator, Trajectory, integrate, interval_inputs
-from daest.systems.integration import IntegrationError
+from daest.systems.input_slopes import refuse_derivatives
+from daest.systems.integrate import Integrator, Record, integrate_all, interval_inputs, record
+from daest.systems.integration import Correction, IntegrationError, Trajectory
 from daest.systems.tolerances import SOLVER
 
 MOST_KEPT = 4  # trajectories
@@ -61,6 +62,12 @@ class TrajectoryProblem:
     def output_sizes(self) -> np.ndarray:
         """rms of every measured output (n_y,)."""
         return _sizes(self.experiments)
+
+    @cached_property
+    def records(self) -> tuple[Record, ...]:
+        """What drives the model in every experiment."""
+        explicit = self.model.explicit
+        return tuple(record(explicit, e.time, e.inputs, self.hold) for e in self.experiments)
 
     def theta(self, z: np.ndarray) -> np.ndarray:
         """All parameters of the model at z. Shapes: z (n_z,); parameters (n_theta,)."""
@@ -160,30 +167,31 @@ def _has_run_away(covariance: np.ndarray, sizes: np.ndarray) -> bool:
 def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = False) -> list[Trajectory]:
     """Trajectories of every experiment at z. Raises IntegrationError. Shapes: z (n_z,)."""
     theta = problem.theta(z)
+    refuse_derivatives(problem.model.explicit, problem.hold, theta)
     gain, gain_slopes = problem.corrected_by(z, with_slopes)
-    result = []
-    for experiment, x0 in zip(problem.experiments, problem.initial_states(z), strict=True):
-        correction = None if gain is None else Correction(experiment.outputs, gain, gain_slopes)
-        key = _key(problem, theta, x0, gain)
-        made = None if with_slopes else _known(problem, experiment, key)
-        if made is None:
-            made = integrate(
-                problem.model,
-                experiment.time,
-                experiment.inputs,
-                theta,
-                x0,
-                hold=problem.hold,
-                sensitivities=with_slopes,
-                by_parameter=not problem.holds_parameters,
-                correction=correction,
-                rtol=problem.rtol,
-                atol_of_scale=problem.atol_of_scale,
-                state_scale=problem.state_scale,
-            )
-            _kept.append(_Kept(_engine(problem), experiment, key, _without_slopes(made)))
-        result.append(made)
-    return result
+    starts, experiments = problem.initial_states(z), problem.experiments
+    keys = [_key(problem, theta, x0, gain) for x0 in starts]
+    found = {}
+    if not with_slopes:
+        known = (_known(problem, e, key) for e, key in zip(experiments, keys, strict=True))
+        found = {i: one for i, one in enumerate(known) if one is not None}
+    missing = [i for i in range(len(experiments)) if i not in found]
+    made = integrate_all(
+        problem.model,
+        [problem.records[i] for i in missing],
+        theta,
+        starts[missing],
+        [None if gain is None else Correction(experiments[i].outputs, gain, gain_slopes) for i in missing],
+        sensitivities=with_slopes,
+        by_parameter=not problem.holds_parameters,
+        rtol=problem.rtol,
+        atol_of_scale=problem.atol_of_scale,
+        state_scale=problem.state_scale,
+    )
+    found |= dict(zip(missing, made, strict=True))
+    for i in missing[-MOST_KEPT:]:
+        _kept.append(_Kept(_engine(problem), experiments[i], keys[i], _without_slopes(found[i])))
+    return [found[i] for i in range(len(experiments))]
 
 
 @dataclass(frozen=True)

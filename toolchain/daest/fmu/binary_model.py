@@ -19,7 +19,8 @@ from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.model.parts import NoiseInput
 from daest.modelica.change import with_noises
 from daest.systems.initialize import initial_point, start_arguments
-from daest.systems.integrate import Integrator, Run, Trajectory, integrator
+from daest.systems.integrate import Integrator, integrator
+from daest.systems.integration import Run, Trajectory
 from daest.systems.linearize import has_affine_dynamics, is_affine_model, linearize
 from daest.systems.local_linear import LocalModel, local_model
 from daest.systems.reduce import dynamics

@@ -86,7 +86,7 @@ def follow(
             pointer(start), *map(pointer, correction), _LONG(0), None, ctypes.c_int(0),
             ctypes.c_double(drive.rtol), pointer(plan.atol),
             _LONG(plan.most), *map(pointer, (found.states, found.values, found.slopes)),
-            ctypes.byref(n_steps), pointer(reached),
+            ctypes.byref(n_steps), pointer(reached), None,
         )  # fmt: skip
     return None if status or library.daest_refused() else found
 

@@ -1169,6 +1169,30 @@ int daest_simulate(long n, const double *time, const double *u0, const double *u
              rtol, atol, max_steps, states, predicted, sens, steps, reached, 0, 0, 0, 0, 0, 0, seen);
 }
 
+/* The solutions of `count` records with the same parameters, record r of lengths[r] samples: arrays over samples and over
+ * intervals lie one after the other, as do u_last (count x NU), x0 (count x NX), max_steps and steps (count). Returns the
+ * code of the first that fails, with what it reached; the steps of those behind it are not touched. */
+int daest_simulate_all(long count, const long *lengths, const double *time, const double *u0, const double *u1, const double *u_last,
+                       const double *bent, const double *theta, const double *x0, int directions, int by_parameter, const double *S0,
+                       const double *y, const double *gain, long gain_stride, const double *gain_slopes, int by_gain,
+                       double rtol, const double *atol, const long *max_steps, double *states, double *predicted, double *sens,
+                       long *steps, double *reached, double *seen) {
+  for (long r = 0; r < count; ++r) {
+    long n = lengths[r], intervals = n > 0 ? n - 1 : 0;
+    int status = run(n, time, u0, u1, u_last, bent, theta, x0, directions, by_parameter, S0, y, gain, gain_stride, gain_slopes,
+                     by_gain, rtol, atol, max_steps[r], states, predicted, sens, steps + r, reached, 0, 0, 0, 0, 0, 0, seen);
+    if (status) return status;
+    time += n, u0 += intervals * NU, u1 += intervals * NU, u_last += NU, x0 += NX;
+    if (bent) bent += intervals * 2 * NU;
+    if (y) y += n * NY;
+    if (gain) gain += n * gain_stride;
+    states += n * NX, predicted += n * NY;
+    if (sens) sens += n * NY * directions;
+    if (seen) seen += n * NT;
+  }
+  return DONE;
+}
+
 /* The same without corrections, up to the first root (of NR > 0 functions): `side` (NR) is the sign that each root function keeps, 0 where
  * it does not matter. Returns EVENT just behind a root, or at a knot
  * at which a jump of the input makes functions leave their sides, with reached[0] its time, flags (NR) 1 for what has left its

@@ -222,14 +222,15 @@ def driving(
     chain: DrivenChain,
     theta: np.ndarray,
     columns: Sequence[int],
-    lengths: np.ndarray,
+    lengths: Sequence[np.ndarray],
     inputs: tuple[np.ndarray, np.ndarray, np.ndarray | None],
-    start: np.ndarray,
+    starts: np.ndarray,
     with_slopes: bool = True,
 ) -> Driving:
-    """From the `start` (n_c,) of the chain, over intervals of the `lengths` (n_samples - 1,) [s]. inputs: ū
-    at the two ends of every interval, each (n_samples - 1, n_ū), and their bends (n_samples - 1, 2, n_ū) or
-    None. `columns`: positions of the parameters along which sensitivities are wanted."""
+    """From each of the `starts` (n_records, n_c) of the chain over a record with intervals of its `lengths`
+    (n_intervals,) [s]. inputs: ū at the two ends of every interval, each (n_steps, n_ū) for all records one
+    behind the other, and their bends (n_steps, 2, n_ū) or None. `columns`: positions of the parameters along
+    which sensitivities are wanted."""
     by = tuple(columns[place] for place in chain.driven(columns))
     powers = _powers(inputs)
     n_steps, n_c, p = powers[0].shape[0], chain.members.size, len(by)
@@ -237,20 +238,21 @@ def driving(
     behind = np.hstack([*powers, np.ones((n_steps, 1))])
     # The states first, then what they drive: their sensitivities.
     drive = every.applied("transition", behind, np.s_[:, head:])
-    states = every.recursion(n_c, drive[None, :, :n_c], start[None])[0]
-    slopes = np.zeros((p + n_c, n_steps + 1, n_c))
+    states = every.recursion(n_c, drive[None, :, :n_c], starts[None])[0]
+    slopes, first = np.zeros((p + n_c, states.shape[0], n_c)), every.first
     if with_slopes:
         moved = np.zeros((p + n_c, n_steps, n_c))
-        by_states = drive[:, n_c:] + every.applied("transition", states[:-1], np.s_[n_c:, :n_c])
+        by_states = drive[:, n_c:] + every.applied("transition", states[first], np.s_[n_c:, :n_c])
         moved[:p] = by_states.reshape(n_steps, p, n_c).transpose(1, 0, 2)
-        slopes = every.recursion(n_c, moved, np.vstack([np.zeros((p, n_c)), np.eye(n_c)]))
+        begun = np.vstack([np.zeros((p, n_c)), np.eye(n_c)])[:, None]
+        slopes = every.recursion(n_c, moved, np.broadcast_to(begun, (p + n_c, *starts.shape)))
     ends = np.zeros((n_steps, 2 * PARTS, 1 + p + n_c))
     if with_slopes:
-        z = np.hstack([states[:-1], *slopes[:p, :-1], behind])
+        z = np.hstack([states[first], *slopes[:p, first], behind])
         ends[:, :, : 1 + p] = every.applied("lines", z, np.s_[:, :]).reshape(n_steps, -1, 1 + p)
-        ends[:, :, 1 + p :] = every.applied("signal", slopes[p:, :-1], np.s_[:, :n_c]).transpose(1, 2, 0)
+        ends[:, :, 1 + p :] = every.applied("signal", slopes[p:, first], np.s_[:, :n_c]).transpose(1, 2, 0)
     else:
-        ends[:, :, 0] = every.applied("signal", states[:-1], np.s_[:, :n_c])
+        ends[:, :, 0] = every.applied("signal", states[first], np.s_[:, :n_c])
         ends[:, :, 0] += every.applied("signal", behind, np.s_[:, head:])
     sampled = np.vstack([(states @ chain.seen)[None], slopes @ chain.seen]).T
     return Driving(states, slopes, ends[:, ::2], ends[:, 1::2], sampled)
@@ -280,15 +282,22 @@ class _Steps:
 
 @dataclass(frozen=True)
 class _AllSteps:
-    """The steps of a record: for each of `groups`, of intervals of lengths near each other, those of its
-    nodes."""
+    """The steps of all records: for each of `groups`, of intervals of lengths near each other, those of its
+    nodes. `first` (n_steps,) are the samples at which the intervals begin, of `n_samples`."""
 
     groups: tuple[tuple[Nodes, list[_Steps]], ...]
+    first: np.ndarray
+    n_samples: int
+
+    @property
+    def is_even(self) -> bool:
+        """Whether all intervals are of one length."""
+        return len(self.groups) == 1 and len(self.groups[0][1]) == 1
 
     def applied(self, name: str, rows: np.ndarray, part: tuple[slice, slice]) -> np.ndarray:
         """The `part` of the matrix `name` of every step times the `rows` (..., n_steps, n_columns), one for
         each step: (..., n_steps, n_rows)."""
-        if len(self.groups) == 1 and len(self.groups[0][1]) == 1:
+        if self.is_even:
             return np.asarray(rows @ getattr(self.groups[0][1][0], name)[part].T)
         found = np.zeros((*rows.shape[:-1], getattr(self.groups[0][1][0], name)[part].shape[0]))
         for group, steps in self.groups:
@@ -297,29 +306,33 @@ class _AllSteps:
             found[..., group.at, :] = sum(w[:, None] * (own @ getattr(one, name)[part].T) for w, one in terms)
         return found
 
-    def recursion(self, n_c: int, drive: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """States (k, n_steps + 1, n_c) of the chain, or of its sensitivities, from the `start` (k, n_c) with
-        what drives them (k, n_steps, n_c)."""
-        if len(self.groups) == 1 and len(self.groups[0][1]) == 1:
-            return linear_recursion(self.groups[0][1][0].transition[:n_c, :n_c], drive, start)
-        transitions = np.empty((drive.shape[1], n_c, n_c))
+    def recursion(self, n_c: int, drive: np.ndarray, starts: np.ndarray) -> np.ndarray:
+        """States (k, n_samples, n_c) of the chain, or of its sensitivities, from the `starts` (k, n_records,
+        n_c) of all records with what drives them (k, n_steps, n_c)."""
+        if self.is_even and starts.shape[1] == 1:
+            return linear_recursion(self.groups[0][1][0].transition[:n_c, :n_c], drive, starts[:, 0])
+        # From the last sample of a record a step that forgets it leads to the start of the next.
+        transitions, whole = (
+            np.zeros((self.n_samples - 1, n_c, n_c)),
+            np.empty_like(drive, shape=(drive.shape[0], self.n_samples - 1, n_c)),
+        )
         for group, steps in self.groups:
             nodes = np.array([one.transition[:n_c, :n_c] for one in steps])
-            transitions[group.at] = np.tensordot(group.weights, nodes, 1)
-        return varying_recursion(transitions, np.ascontiguousarray(drive), start)
+            transitions[self.first[group.at]] = np.tensordot(group.weights, nodes, 1)
+        whole[:, self.first] = drive
+        whole[:, np.setdiff1d(np.arange(self.n_samples - 1), self.first)] = starts[:, 1:]
+        return varying_recursion(transitions, whole, starts[:, 0])
 
 
 def _all_steps(
-    chain: DrivenChain, theta: np.ndarray, by: tuple[int, ...], lengths: np.ndarray, n_powers: int
+    chain: DrivenChain, theta: np.ndarray, by: tuple[int, ...], lengths: Sequence[np.ndarray], n_powers: int
 ) -> _AllSteps:
     A = np.array(chain.matrices(theta)[0])
-    groups = nodes_of_periods(A, lengths, SOLVER.equal_steps)
-    key = theta.tobytes()
-    return _AllSteps(
-        tuple(
-            (one, [_steps(chain, key, by, node, n_powers) for node in one.nodes.tolist()]) for one in groups
-        )
-    )
+    key, groups = theta.tobytes(), []
+    for group in nodes_of_periods(A, np.concatenate(lengths), SOLVER.equal_steps):
+        groups.append((group, [_steps(chain, key, by, node, n_powers) for node in group.nodes.tolist()]))
+    before = np.repeat(np.arange(len(lengths)), [one.size for one in lengths])
+    return _AllSteps(tuple(groups), np.arange(before.size) + before, before.size + len(lengths))
 
 
 @lru_cache(maxsize=MOST_KEPT)

@@ -15,7 +15,7 @@ import numpy as np
 
 from daest.errors import ModelError, Place
 from daest.model.flat import Dynamics, InputDerivative
-from daest.model.holds import Hold
+from daest.model.holds import Hold, held_inputs
 from daest.model.linear import StateSpace
 from daest.model.parts import Parameter
 
@@ -33,6 +33,18 @@ def acting_slopes(
     rows = [_acts(f, explicit.is_symbolic, zeros) for f in (explicit.rhs, explicit.outputs)]
     acts = np.any(np.vstack(rows), axis=0)
     return tuple(d for d, one in zip(explicit.input_derivatives, acts, strict=True) if one)
+
+
+def refuse_derivatives(explicit: Dynamics, hold: Hold, theta: np.ndarray | None = None) -> None:
+    """Raises ModelError `input-derivative-order` or `input-derivative-hold` where the model moves, at `theta`
+    (n_theta,; default: the values of the model), by a derivative that the hold does not have."""
+    if not explicit.input_derivatives:
+        return
+    names = explicit.flat.input_names
+    held = held_inputs(hold, names)
+    for derivative in acting_slopes(explicit, theta=theta):
+        if derivative.order > 1 or held[derivative.index]:
+            raise no_input_derivative(names[derivative.index], derivative.order, hold)
 
 
 def no_input_derivative(

@@ -39,20 +39,20 @@ from daest.numerics.exponential import CUBIC, STRAIGHT
 from daest.numerics.projection import pull
 from daest.numerics.watched import watched
 from daest.systems.affine_steps import DrivenBy, Gain, affine_steps
-from daest.systems.driven_chain import (
-    PARTS,
-    DrivenChain,
-    Driving,
-    driven_chain,
-    driving,
-    parts_of_inputs,
-    rest_functions,
-)
+from daest.systems.chain_runs import RunsBesideChain, has_driven_chain
+from daest.systems.driven_chain import DrivenChain, driven_chain, rest_functions
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import HybridError
 from daest.systems.hybrid import Inputs, follow
-from daest.systems.input_slopes import acting_slopes, no_input_derivative
-from daest.systems.integration import FAILURES, IntegrationError
+from daest.systems.input_slopes import refuse_derivatives
+from daest.systems.integration import (
+    FAILURES,
+    Correction,
+    IntegrationError,
+    Run,
+    Trajectory,
+    are_alike,
+)
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.sensor_laws import relative_slopes, sensor_laws
 from daest.systems.state_space import state_space_family
@@ -69,72 +69,6 @@ INTERPRETED_STEPS = 4  # per sample interval, without a C compiler
 def search_steps(n_samples: int) -> int:
     """Steps after which a search gives up a trajectory of n samples."""
     return SEARCH_STEPS + SEARCH_STEPS_PER_SAMPLE * n_samples
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """states (n_samples, n) and outputs (n_samples, n_y), before the correction of a sample where a gain
-    corrects; sensitivities (n_samples, n_y, n_directions): ∂y/∂(chosen parameters, then x0). `modes`
-    (n_samples, n_theta): parameters with what keeps its value between events, None without events. `tears`
-    (n_samples, n_tears): from which the iterations of the loops at each sample started, NaN from scratch;
-    None where none were kept."""
-
-    states: np.ndarray
-    outputs: np.ndarray
-    sensitivities: np.ndarray
-    n_steps: int
-    modes: np.ndarray | None = None
-    tears: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
-class Correction:
-    """Measurements (n_samples, n_y), NaN where missing, and the gain (n_states, n_y), or one per sample
-    (n_samples, n_states, n_y), that corrects the state at each sample: x += gain (y - h(x)), where a sensor
-    bends what it shows with the error times its relative slope (`sensor_laws`). `gain_slopes`
-    (n, n_states, n_y): how it changes along n further directions of the sensitivities."""
-
-    measurements: np.ndarray
-    gain: np.ndarray
-    gain_slopes: np.ndarray | None = None
-
-    @property
-    def slopes(self) -> np.ndarray:
-        none = np.zeros((0, *self.gain.shape[-2:]))
-        return none if self.gain_slopes is None else np.ascontiguousarray(self.gain_slopes, dtype=float)
-
-
-@dataclass(frozen=True)
-class Run:
-    """What every engine needs, checked and contiguous. `directions`: number of sensitivities, 0 for none: the
-    first ones `by_parameter`, then those to the initial states, the last ones `by_gain`. `scale`
-    (n_states,): sizes of the states."""
-
-    time: np.ndarray
-    u0: np.ndarray
-    u1: np.ndarray
-    u_last: np.ndarray
-    bent: np.ndarray | None  # (n_samples - 1, 2, n_ū): see `input_bends`
-    theta: np.ndarray
-    x0: np.ndarray
-    directions: int
-    by_parameter: int
-    by_gain: int
-    rtol: float
-    atol: np.ndarray
-    scale: np.ndarray
-    correction: Correction | None
-    max_steps: int
-    tell: Callable[[float], object] | None
-
-    @property
-    def start_sensitivities(self) -> np.ndarray:
-        """∂x0/∂directions (n_states, n_directions): the identity between zeros for parameters and gains."""
-        n_states = self.x0.size
-        start = np.zeros((n_states, self.directions))
-        if self.directions:
-            start[:, self.by_parameter : self.by_parameter + n_states] = np.eye(n_states)
-        return start
 
 
 class Integrator(ABC):
@@ -154,6 +88,10 @@ class Integrator(ABC):
     @abstractmethod
     def trajectory(self, run: Run) -> Trajectory:
         """States, outputs and sensitivities of a prepared run."""
+
+    def trajectories(self, runs: Sequence[Run]) -> list[Trajectory]:
+        """Those of several runs. Raises IntegrationError for the first that fails."""
+        return [self.trajectory(run) for run in runs]
 
     @abstractmethod
     def method(self, rtol: float, hold: Hold) -> str:
@@ -185,7 +123,12 @@ class EquationIntegrator(Integrator):
     def trajectory(self, run: Run) -> Trajectory:
         if self.events is not None:
             return _run_hybrid(self, run)
-        return _run_interpreted(self, run) if self.library is None else _run_radau(self, run)
+        return _run_interpreted(self, run) if self.library is None else _run_radau(self, [run])[0]
+
+    def trajectories(self, runs: Sequence[Run]) -> list[Trajectory]:
+        if self.events is not None or self.library is None or not are_alike(runs):
+            return super().trajectories(runs)
+        return _run_radau(self, runs)
 
     def method(self, rtol: float, hold: Hold) -> str:
         how = f"adaptive steps, rtol {rtol:g}" if self.is_compiled else "fixed steps"
@@ -233,9 +176,14 @@ class ChainIntegrator(ExactIntegrator):
     begun: tuple[str, ...]
 
     def trajectory(self, run: Run) -> Trajectory:
-        if not _has_driven_chain(self.chain, run):
-            return self.stepped.trajectory(run)
-        return _run_beside_chain(self, run)
+        return self.trajectories([run])[0]
+
+    def trajectories(self, runs: Sequence[Run]) -> list[Trajectory]:
+        if not are_alike(runs) or not all(has_driven_chain(self.chain, run) for run in runs):
+            return self.stepped.trajectories(runs)
+        columns = self.explicit.flat.parameter_columns(self.begun)
+        beside = RunsBesideChain(self.chain, runs, columns)
+        return beside.joined(_run_radau(self.beside, beside.rests()))
 
     def method(self, rtol: float, hold: Hold) -> str:
         n = self.chain.members.size
@@ -561,18 +509,20 @@ def interval_inputs(
     """ū = (u, v) at the two ends of each sample interval, each (n_samples - 1, n_ū).
 
     inputs (n_samples, n_u). A first derivative that the model needs is the slope of a foh input, that of the
-    spline at the samples for a smooth one, and zero for a held one. Raises ModelError
-    `input-derivative-order` or `input-derivative-hold` where the model moves, at `theta`
-    (n_theta,; default: the values of the model), by a derivative that the hold does not have.
+    spline at the samples for a smooth one, and zero for a held one. Raises what `refuse_derivatives` raises.
     """
+    refuse_derivatives(explicit, hold, theta)
+    return _interval_inputs(explicit, time, inputs, hold)
+
+
+def _interval_inputs(
+    explicit: Dynamics, time: np.ndarray, inputs: np.ndarray, hold: Hold
+) -> tuple[np.ndarray, np.ndarray]:
     names = explicit.flat.input_names
     start, end = inputs[:-1], interval_ends(inputs, hold, names)
     held = held_inputs(hold, names)
     slopes = (end - start) / np.diff(time)[:, None]
     slopes[:, np.flatnonzero(held)] = 0.0
-    for derivative in acting_slopes(explicit, theta=theta):
-        if derivative.order > 1 or held[derivative.index]:
-            raise no_input_derivative(names[derivative.index], derivative.order, hold)
     sources = [d.index for d in explicit.input_derivatives]
     if hold == SMOOTH:
         at_samples = spline_slopes(inputs[:, sources], time)
@@ -603,6 +553,27 @@ def input_bends(explicit: Dynamics, time: np.ndarray, inputs: np.ndarray, hold: 
     return bent
 
 
+@dataclass(frozen=True)
+class Record:
+    """What drives a model over a record: `time` (n_samples,), ū at the two ends of every interval, `u0` and
+    `u1` (n_samples - 1, n_ū), and at the last sample, `u_last` (1, n_ū); `bent` (n_samples - 1, 2, n_ū): see
+    `input_bends`. All are contiguous."""
+
+    time: np.ndarray
+    u0: np.ndarray
+    u1: np.ndarray
+    u_last: np.ndarray
+    bent: np.ndarray | None
+
+
+def record(explicit: Dynamics, time: np.ndarray, inputs: np.ndarray, hold: Hold) -> Record:
+    """That of recorded `inputs` (n_samples, n_u) at `time` (n_samples,)."""
+    u0, u1 = _interval_inputs(explicit, time, inputs, hold)
+    u_last = inputs[-1:] if u1.shape[0] == 0 else np.hstack([inputs[-1:], u1[-1:, inputs.shape[1] :]])
+    time, u0, u1, u_last = (np.ascontiguousarray(a, dtype=float) for a in (time, u0, u1, u_last))
+    return Record(time, u0, u1, u_last, input_bends(explicit, time, inputs, hold))
+
+
 def integrate(
     model: Integrator,
     time: np.ndarray,
@@ -631,26 +602,57 @@ def integrate(
     `tell` hears of the time that a long run has reached; an exception in it ends the run.
     Raises IntegrationError with the time it stopped at.
     """
-    u0, u1 = interval_inputs(model.explicit, time, inputs, hold, theta)
-    scale = np.ones(x0.shape[0]) if state_scale is None else np.maximum(np.abs(state_scale), 1e-30)
-    u_last = inputs[-1:] if u1.shape[0] == 0 else np.hstack([inputs[-1:], u1[-1:, inputs.shape[1] :]])
-    bent = input_bends(model.explicit, time, inputs, hold)
-    columns = (time, u0, u1, u_last, theta, x0)
-    time, u0, u1, u_last, theta, x0 = (np.ascontiguousarray(a, dtype=float) for a in columns)
-    n_parameters = len(model.names) if sensitivities and by_parameter else 0
-    n_gain = correction.slopes.shape[0] if sensitivities and correction is not None else 0
-    directions = n_parameters + x0.size + n_gain if sensitivities else 0
-    atol = rtol * atol_of_scale * scale
-    most = search_steps(time.size) if max_steps is None else max_steps
-    run = Run(
-        time, u0, u1, u_last, bent, theta, x0, directions, n_parameters, n_gain,
-        rtol, atol, scale, correction, most, tell,
+    refuse_derivatives(model.explicit, hold, theta)
+    (made,) = integrate_all(
+        model, [record(model.explicit, time, inputs, hold)], theta, x0[None], [correction],
+        sensitivities=sensitivities, by_parameter=by_parameter, rtol=rtol, atol_of_scale=atol_of_scale,
+        state_scale=state_scale, max_steps=max_steps, tell=tell,
     )  # fmt: skip
-    made = model.trajectory(run)
-    if made.sensitivities.shape[2] == directions:
-        return made
-    # An engine without a choice tells those to the parameters, too.
-    return replace(made, sensitivities=made.sensitivities[:, :, made.sensitivities.shape[2] - directions :])
+    return made
+
+
+def integrate_all(
+    model: Integrator,
+    records: Sequence[Record],
+    theta: np.ndarray,
+    x0: np.ndarray,
+    corrections: Sequence[Correction | None],
+    *,
+    sensitivities: bool = False,
+    by_parameter: bool = True,
+    rtol: float = SOLVER.search_rtol,
+    atol_of_scale: float = SOLVER.atol_of_scale,
+    state_scale: np.ndarray | None = None,
+    max_steps: int | None = None,
+    tell: Callable[[float], object] | None = None,
+) -> list[Trajectory]:
+    """As `integrate`, over several `records` with the same parameters: each from its row of x0 (n_records,
+    n_states) with its correction. Many short ones cost little more than one long one. Raises IntegrationError
+    for the first that fails."""
+    n_states = x0.shape[1]
+    scale = np.ones(n_states) if state_scale is None else np.maximum(np.abs(state_scale), 1e-30)
+    theta, x0 = (np.ascontiguousarray(a, dtype=float) for a in (theta, x0))
+    n_parameters = len(model.names) if sensitivities and by_parameter else 0
+    atol = rtol * atol_of_scale * scale
+    runs = []
+    for one, start, correction in zip(records, x0, corrections, strict=True):
+        n_gain = correction.slopes.shape[0] if sensitivities and correction is not None else 0
+        directions = n_parameters + n_states + n_gain if sensitivities else 0
+        most = search_steps(one.time.size) if max_steps is None else max_steps
+        runs.append(
+            Run(
+                one.time, one.u0, one.u1, one.u_last, one.bent, theta, start, directions, n_parameters,
+                n_gain, rtol, atol, scale, correction, most, tell,
+            )
+        )  # fmt: skip
+    found = model.trajectories(runs) if runs else []
+    return [_with_directions(made, run) for made, run in zip(found, runs, strict=True)]
+
+
+def _with_directions(made: Trajectory, run: Run) -> Trajectory:
+    """Of an engine without a choice, which tells the slopes by the parameters, too, those asked for."""
+    more = made.sensitivities.shape[2] - run.directions
+    return replace(made, sensitivities=made.sensitivities[:, :, more:]) if more else made
 
 
 def _run_hybrid(model: EquationIntegrator, run: Run) -> Trajectory:
@@ -669,32 +671,52 @@ def _run_hybrid(model: EquationIntegrator, run: Run) -> Trajectory:
     return Trajectory(made.states, made.outputs, made.sensitivities, made.n_steps, made.theta, made.tears)
 
 
-def _run_radau(model: EquationIntegrator, run: Run) -> Trajectory:
+def _run_radau(model: EquationIntegrator, runs: Sequence[Run]) -> list[Trajectory]:
+    """The trajectories of runs that are `alike`, by one call. Raises IntegrationError for the first that
+    fails."""
     assert model.library is not None
-    n, n_states, n_y = run.time.size, run.x0.size, model.out.numel_out(0)
-    states, outputs = np.empty((n, n_states)), np.empty((n, n_y))
-    sens, seen = np.empty((n, n_y, run.directions)), np.full((n, model.explicit.n_tears), np.nan)
-    steps, reached = ctypes.c_long(0), np.zeros(3)
-    start = np.ascontiguousarray(run.start_sensitivities)
+    one, many = runs[0], len(runs) > 1
+    n_y, sizes = model.out.numel_out(0), np.array([run.time.size for run in runs])
+    ends = np.cumsum(sizes)
+    n, k = int(ends[-1]), model.explicit.n_tears
+    states, outputs = np.empty((n, one.x0.size)), np.empty((n, n_y))
+    sens, seen = np.empty((n, n_y, one.directions)), np.full((n, k), np.nan)
+    steps, reached = np.full(len(runs), -1, dtype=ctypes.c_long), np.zeros(3)
+    start = np.ascontiguousarray(one.start_sensitivities)
     y, gain, stride, slopes = None, None, 0, None
-    if run.correction is not None:
-        slopes = run.correction.slopes
-        y = np.ascontiguousarray(run.correction.measurements, dtype=float)
-        gain = np.ascontiguousarray(run.correction.gain, dtype=float)
-        stride = gain[0].size if gain.ndim == 3 else 0
+    if one.correction is not None:
+        given = [run.correction for run in runs if run.correction is not None]
+        slopes = one.correction.slopes
+        y = np.ascontiguousarray(np.concatenate([g.measurements for g in given]), dtype=float)
+        varies = one.correction.gain.ndim == 3
+        gain = np.concatenate([g.gain for g in given]) if varies else one.correction.gain
+        gain = np.ascontiguousarray(gain, dtype=float)
+        stride = gain[0].size if varies else 0
+
+    def joined(name: str) -> np.ndarray:
+        parts = [getattr(run, name) for run in runs]
+        return np.concatenate(parts) if many else parts[0]
+
+    columns = (joined("time"), joined("u0"), joined("u1"), joined("u_last"))
+    bent = None if one.bent is None else joined("bent")
+    lengths = sizes.astype(ctypes.c_long)
+    most = np.array([run.max_steps for run in runs], dtype=ctypes.c_long)
     arguments = (
-        ctypes.c_long(n), *map(pointer, (run.time, run.u0, run.u1, run.u_last, run.bent, run.theta, run.x0)),
-        ctypes.c_int(run.directions), ctypes.c_int(run.by_parameter), pointer(start),
-        pointer(y), pointer(gain), ctypes.c_long(stride), pointer(slopes), ctypes.c_int(run.by_gain),
-        ctypes.c_double(run.rtol), pointer(run.atol), ctypes.c_long(run.max_steps),
-        *map(pointer, (states, outputs, sens)), ctypes.byref(steps), pointer(reached),
-        pointer(seen),
+        ctypes.c_long(len(runs)), pointer(lengths), *map(pointer, (*columns, bent, one.theta, joined("x0"))),
+        ctypes.c_int(one.directions), ctypes.c_int(one.by_parameter), pointer(start),
+        pointer(y), pointer(gain), ctypes.c_long(stride), pointer(slopes), ctypes.c_int(one.by_gain),
+        ctypes.c_double(one.rtol), pointer(one.atol), pointer(most),
+        *map(pointer, (states, outputs, sens, steps, reached, seen)),
     )  # fmt: skip
-    status = _watched(model.library.daest_simulate, arguments, reached, run.tell)
+    status = _watched(model.library.daest_simulate_all, arguments, reached, one.tell)
     if status:
-        reason = FAILURES[status].format(steps=steps.value, next=reached[1])
-        raise IntegrationError(reason, float(reached[0]))
-    return Trajectory(states, outputs, sens, steps.value, tears=seen)
+        taken = steps[steps >= 0][-1]
+        raise IntegrationError(FAILURES[status].format(steps=taken, next=reached[1]), float(reached[0]))
+    rows = [slice(end - size, end) for size, end in zip(sizes.tolist(), ends.tolist(), strict=True)]
+    return [
+        Trajectory(states[r], outputs[r], sens[r], int(taken), tears=seen[r])
+        for r, taken in zip(rows, steps, strict=True)
+    ]
 
 
 def _watched(
@@ -745,99 +767,6 @@ def _run_exactly(model: AffineIntegrator, run: Run) -> Trajectory:
     n, n_y = outputs.shape
     sens = np.empty((n, n_y, 0)) if slopes is None else slopes.transpose(1, 2, 0)
     return Trajectory(states, outputs, sens, n - 1)
-
-
-def _has_driven_chain(chain: DrivenChain, run: Run) -> bool:
-    """Whether no sample corrects the chain: no noise of the model reaches it. The longest interval is no gap,
-    whose parts would be too long for a straight line."""
-    intervals = np.diff(run.time)
-    if not intervals.size or np.max(intervals) > SOLVER.longest_interval * np.median(intervals):
-        return False
-    if run.correction is not None:
-        if chain.alone:
-            return False
-        gain = run.correction.gain
-        for one in (gain if gain.ndim == 3 else gain[None], run.correction.slopes):
-            moved = np.abs(one) / run.scale[:, None]
-            least = SOLVER.uncorrected * np.max(moved, initial=0.0)
-            if np.max(moved[:, chain.members], initial=0.0) > least:
-                return False
-    return True
-
-
-def _run_beside_chain(model: ChainIntegrator, run: Run) -> Trajectory:
-    chain, n, columns = model.chain, run.time.size, model.explicit.flat.parameter_columns(model.begun)
-    inputs, lengths = (run.u0, run.u1, run.bent), np.diff(run.time)
-    with np.errstate(over="ignore", invalid="ignore"):
-        start, with_slopes = run.x0[chain.members], run.directions > 0
-        made = driving(chain, run.theta, columns, lengths, inputs, start, with_slopes)
-    if not all(np.all(np.isfinite(part)) for part in (made.states, made.start, made.end, made.sampled)):
-        raise IntegrationError(FAILURES[3], float(run.time[0]))
-    rest = _run_of_rest(chain, run, made, len(columns))
-    found = _run_radau(model.beside, rest)
-    states = np.empty((n, run.x0.size))
-    states[:, chain.rest], states[:, chain.members] = found.states[::PARTS], made.states
-    outputs, sens = found.outputs[::PARTS].copy(), np.empty((n, found.outputs.shape[1], 0))
-    for j, i in chain.alone:
-        outputs[:, j] = made.states[:, i]
-    if run.directions:
-        sens = _sensitivities_of_both(chain, run, made, columns, found.sensitivities[::PARTS])
-    return Trajectory(states, outputs, sens, found.n_steps)
-
-
-def _run_of_rest(chain: DrivenChain, run: Run, made: Driving, n_parameters: int) -> Run:
-    """The run of the states behind the chain, whose signals are inputs, in PARTS of every interval."""
-    n = run.time.size
-    u0, u1, bent = parts_of_inputs((run.u0, run.u1, run.bent))
-    u_last = np.hstack([run.u_last, made.sampled[-1:]])
-    u0, u1 = np.concatenate([u0, made.start], axis=2), np.concatenate([u1, made.end], axis=2)
-    if chain.is_shown:  # what outputs show at a sample is the signal itself
-        shown = np.repeat(made.sampled[:-1, None], PARTS, axis=1)
-        u0, u1 = np.concatenate([u0, shown], axis=2), np.concatenate([u1, shown], axis=2)
-        u_last = np.hstack([u_last, made.sampled[-1:]])
-    if bent is not None:
-        bent = np.concatenate([bent, np.zeros((*bent.shape[:3], u0.shape[2] - bent.shape[3]))], axis=3)
-        bent = np.ascontiguousarray(bent.reshape(-1, 2, u0.shape[2]))
-    parts = run.time[:-1, None] + np.diff(run.time)[:, None] * np.arange(PARTS) / PARTS
-    given = run.correction
-    if given is not None:
-        seen = np.full((PARTS * (n - 1) + 1, given.measurements.shape[1]), np.nan)
-        seen[::PARTS] = given.measurements
-        gain = given.gain[..., chain.rest, :]
-        if gain.ndim == 3:
-            gain = np.repeat(gain, PARTS, axis=0)[: seen.shape[0]]
-        given = Correction(seen, gain, given.slopes[:, chain.rest])
-    n_chosen, n_rest = n_parameters + chain.members.size, chain.rest.size
-    return replace(
-        run,
-        time=np.append(parts.ravel(), run.time[-1]),
-        u0=np.ascontiguousarray(u0.reshape(-1, u0.shape[2])),
-        u1=np.ascontiguousarray(u1.reshape(-1, u1.shape[2])),
-        u_last=u_last,
-        bent=bent,
-        x0=np.ascontiguousarray(run.x0[chain.rest]),
-        directions=n_chosen + n_rest + run.by_gain if run.directions else 0,
-        by_parameter=n_chosen if run.directions else 0,
-        atol=np.ascontiguousarray(run.atol[chain.rest]),
-        scale=run.scale[chain.rest],
-        correction=given,
-    )
-
-
-def _sensitivities_of_both(
-    chain: DrivenChain, run: Run, made: Driving, columns: list[int], sens: np.ndarray
-) -> np.ndarray:
-    """The sensitivities `sens` (n_samples, n_y, …) of the run of the rest, with those of outputs that the
-    chain alone makes, in the order of the parameters asked for, the states of the model and the gains."""
-    n_chosen, n_rest = len(columns) + chain.members.size, chain.rest.size
-    by_state = np.empty(run.x0.size, dtype=int)
-    by_state[chain.members] = len(columns) + np.arange(chain.members.size)
-    by_state[chain.rest] = n_chosen + np.arange(n_rest)
-    order = [*range(run.by_parameter), *by_state, *range(n_chosen + n_rest, sens.shape[2])]
-    own = [*chain.driven(columns), *range(len(columns), n_chosen)]
-    for j, i in chain.alone:
-        sens[:, j, own] = made.slopes[:, :, i].T
-    return np.ascontiguousarray(sens[:, :, order])
 
 
 def _run_interpreted(model: EquationIntegrator, run: Run) -> Trajectory:
