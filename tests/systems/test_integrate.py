@@ -325,10 +325,11 @@ def test_what_was_compiled_for_more_parameters_serves_the_first_ones():
     assert integrator(explicit).names == ()
 
 
-def test_states_without_start_values_beside_a_variable_that_bends():
+@pytest.mark.parametrize("starts", [{}, {"x": 1.0}])
+def test_start_beside_a_variable_that_bends(starts):
     b = FlatBuilder("Pair")
     for name in ("x", "v", "energy"):
-        b.unknown(name)
+        b.unknown(name, start=starts.get(name), fixed=name in starts)
     b.equation("der(x) = v", b.der("x"), b["v"])
     b.equation("der(v) = -x", b.der("v"), -b["x"])
     b.equation("energy = v*v", b["energy"], b["v"] * b["v"])

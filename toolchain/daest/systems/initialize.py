@@ -152,9 +152,7 @@ def _initial_residual(explicit: ExplicitModel, x: ca.MX, variables: ca.MX, argum
 
 
 def _start_values(explicit: ExplicitModel, arguments: tuple) -> tuple[np.ndarray, np.ndarray]:
-    """Start value of every state, and its rank as a wish: 2 own start, 1 start of an alias, 0 none.
-
-    A model of which the internal variables have been left out has no aliases."""
+    """Start value of every state, and its rank as a wish: 2 own start, 1 start of an alias, 0 none."""
     unknowns = explicit.flat.unknowns
     by_name = {v.name: v.start for v in unknowns}
     starts = [by_name.get(name) for name in explicit.state_names]
@@ -168,7 +166,7 @@ def _start_values(explicit: ExplicitModel, arguments: tuple) -> tuple[np.ndarray
         share = ca.Function("share", [x], [ca.densify(slopes)])(value).full()
     except RuntimeError:  # a loop has no solution there: the other conditions may lead to where it has one
         return value, wish
-    for i, variable in enumerate(unknowns[: len(share)]):
+    for i, variable in enumerate(unknowns):
         states = np.flatnonzero(share[i])
         if variable.start is not None and states.size == 1 and wish[states[0]] == 0:
             (j,) = states
