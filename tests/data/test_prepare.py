@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from daest.data.prepare import Preparation, detrend, resample, split_all, sufficient_period
+from daest.data.prepare import (
+    Preparation,
+    detrend,
+    regular_times,
+    resample,
+    split_all,
+    sufficient_period,
+)
 from daest.errors import ConfigError, DataError
 from daest.model.experiment import Experiment
 
@@ -186,3 +193,19 @@ def test_unused_columns_are_resampled_like_inputs():
     record = replace(recording(time, force, force), extra={"command": force / 35.0})
     result = resample(record, 0.05)
     assert result.extra["command"] == pytest.approx(result.inputs[:, 0] / 35.0, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("period", "slip", "is_uniform"),
+    [
+        (0.1, 0.001, True),  # a millisecond in stamps of milliseconds, once in the recording
+        (0.1, 0.005, False),
+        (0.02, 0.001, False),  # too much of a period
+    ],
+)
+def test_stamps_off_by_their_last_decimal_are_rounded(period, slip, is_uniform):
+    time = period * np.arange(2000)
+    time[700:] -= slip
+    grid, notes = regular_times(np.round(time, 3))
+    assert bool(notes) is is_uniform
+    assert np.allclose(np.diff(grid), np.diff(grid)[0], rtol=1e-9) is is_uniform

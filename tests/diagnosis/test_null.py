@@ -107,6 +107,13 @@ def test_no_place_is_an_error():
     with pytest.raises(EstimationError) as caught:
         fit_null(without_noises(model()), [], (rotor_record(300)[0],), "zoh")
     assert caught.value.code == "diagnose-no-place" and "declare units" in caught.value.remedy
+    still = compile_text(
+        b'model D input Real v(unit = "m/s"); output Real F(unit = "N"); equation F = 3*v; end D;',
+        Path("D.mo"),
+    )
+    with pytest.raises(EstimationError) as caught:
+        fit_null(still, [], (rotor_record(300)[0],), "zoh")
+    assert caught.value.code == "diagnose-no-place" and "connectors" in caught.value.remedy
     loose = [s for s in sites(model("TwoMass")) if s.name == "loose.flange_a"]
     with pytest.raises(EstimationError) as caught:
         fit_null(without_noises(model("TwoMass")), loose, (rotor_record(300)[0],), "zoh")

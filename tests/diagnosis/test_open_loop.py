@@ -114,7 +114,12 @@ def test_a_model_that_its_inputs_do_not_move_is_told(is_recorded):
     null = fit_null(flat, load_sites(flat), [record], "zoh")
     share = driven_share(null)
     assert share == pytest.approx(1.0, abs=0.1) if is_recorded else share < GATES.min_driven
-    assert bool(undriven(null)) == bool(_said_of_inputs(null)) == (not is_recorded)
+    assert bool(undriven(null)) == bool(_said_of_inputs(null, null.fit)) == (not is_recorded)
+    # Without its loads the inputs move the model: these have taken over what the inputs do.
+    told = replace(null.fit, theta={**null.fit.theta, "J": 0.1, "c": 2.0, "d": 0.05})
+    heavy = replace(null, flat=null.flat.with_theta({**null.fit.theta, "J": 1e4, "c": 2e5, "d": 5e3}))
+    assert driven_share(heavy) < GATES.min_driven
+    assert not _said_of_inputs(heavy, told)
     assert driven_share(replace(null, experiments=(replace(record, inputs=0.0 * recorded),))) is None
 
 

@@ -627,6 +627,18 @@ def test_sensor_that_comes_to_its_limit_once_in_each_recording_is_seen_in_all_of
     assert clips_of([whole]) == {} and clips_of([whole, again]) == {"phi": Clip(0.8, is_certain=True)}
 
 
+def test_law_of_which_nothing_is_known_is_out_of_the_way_where_its_form_is_not_seen(monkeypatch):
+    """A relaxation over days in a recording of minutes is an integral, and that a constant load."""
+    said = "the recordings show too little of its form"
+    monkeypatch.setattr(proving, "not_determined", lambda *given: "the data determine none of its parameters")
+    _, vague = proved.__wrapped__()
+    monkeypatch.setattr(proving, "without_form", lambda *given: said)
+    _, formless = proved.__wrapped__()
+    assert vague.is_vague and not vague.is_open
+    assert formless.reason == said and not formless.is_vague and not formless.is_open
+    assert not formless.is_known
+
+
 def test_law_of_which_nothing_is_known_is_no_finding():
     _, proof = proved()
     own = f"{proof.candidate.name}.tau_c"

@@ -1,5 +1,5 @@
 """Unknown loads that take over what the inputs do: a strut with a damper that is harder one way, whose force
-acts on two bodies, while loads can act on one alone."""
+acts on two bodies, while loads can act on one alone; or what the model itself does."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -69,7 +69,8 @@ def test_parameters_stay_at_the_simulation_where_loads_take_over_what_the_input_
 def simulated(errors, is_adrift=True):
     """A model with these errors of an angle and a speed in the data of the fit, of which it fits nothing."""
     rms = SimpleNamespace(rms=dict(zip("yw", errors, strict=True)), fit_percent=dict.fromkeys("yw", 2.0))
-    return SimpleNamespace(adds_up=is_adrift, fit=SimpleNamespace(simulated={"estimation": rms}, theta={}))
+    fit = SimpleNamespace(simulated={"estimation": rms}, theta={}, log_likelihood=0.0)
+    return SimpleNamespace(adds_up=is_adrift, fit=fit)
 
 
 @pytest.mark.parametrize(
@@ -87,9 +88,42 @@ def test_values_of_a_simulation_are_taken_by_the_product_of_its_errors(
     """A noisy speed beside an angle."""
     flat = compile_text(CAR, Path("Car.mo"))
     before, after = simulated((0.6, 3.0)), simulated(fitted, is_adrift)
-    null = SimpleNamespace(estimated=("ms",), experiments=(), hold="foh")
+    null = SimpleNamespace(estimated=("ms",), experiments=(), hold="foh", fit=before.fit)
     references = [before, after]
     monkeypatch.setattr(stands, "identify", lambda *given: after.fit)
     monkeypatch.setattr(stands, "_told_fits", lambda null, validation: (None, references.pop(0)))
-    found = stands._fitted(flat, lambda flat: null, lambda null: ())[2]
+    found = stands._fitted(flat, lambda flat, near: null, lambda null: ())[2]
     assert found is (after if is_taken else before)
+
+
+def fit_of(log_likelihood, length=0.4):
+    """The end of a search with one parameter."""
+    length = SimpleNamespace(name="l", value=length, at_bound=None)
+    theta = {"l": length.value}
+    return SimpleNamespace(
+        log_likelihood=log_likelihood, status="converged", parameters=(length,), theta=theta
+    )
+
+
+@pytest.mark.parametrize(
+    ("without_loads", "again", "taken"),
+    [
+        (150.0, 160.0, 160.0),  # the loads do what gravity does
+        (150.0, 90.0, 100.0),  # the other end is less likely
+        (105.0, 160.0, 100.0),  # loads that buy nothing
+    ],
+)
+def test_a_null_less_likely_than_without_its_loads_is_searched_for_again(
+    monkeypatch, without_loads, again, taken
+):
+    null = SimpleNamespace(fit=fit_of(100.0))
+    reference = SimpleNamespace(fit=fit_of(without_loads, length=0.2))
+    monkeypatch.setattr(stands, "_told_fits", lambda null, validation: ("baseline", "reference"))
+
+    def near(values):
+        assert values == {"l": 0.2}
+        return SimpleNamespace(fit=fit_of(again))
+
+    found = stands._not_astray(null, "before", reference, near, lambda null: ())
+    assert found[0].fit.log_likelihood == taken
+    assert found[1:] == (("baseline", "reference") if taken == again else ("before", reference))

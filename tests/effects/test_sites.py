@@ -278,6 +278,15 @@ end Arm;
 """
 
 
+def test_a_rate_that_another_equation_needs_is_balanced_there_alone() -> None:
+    """An arm that its pendulum does not move, and the pendulum that the arm moves."""
+    text = COUPLED.replace(" + b*cos(q2)*der(w2) = t1", " = t1").encode()
+    found = [site.name for site in sites(compile_text(text, Path("Arm.mo"))) if site.kind == "equation"]
+    assert found == ["2:w1", "3:w2"]
+    both = [site.name for site in sites(compile_text(COUPLED.encode(), Path("Arm.mo")))]
+    assert {"2:w1", "2:w2", "3:w1", "3:w2"} <= set(both)
+
+
 def test_an_effect_in_one_of_coupled_equations_does_not_move_the_next_one(tmp_path) -> None:
     """Both equations hold the rates of both speeds, and get other rows when an effect is put in."""
     (tmp_path / "Arm.mo").write_text(COUPLED)

@@ -379,6 +379,17 @@ def test_limits_of_the_compiler_in_words_of_the_language(said, words):
     assert made.remedy
 
 
+def test_a_library_without_its_package_file_is_told_by_its_first_file_alone():
+    faults = "; ".join(
+        f"PKG-010 file '/lib/M/{name}.mo' has `within M.Blocks;` but expected `within Blocks;`"
+        for name in "ABC"
+    )
+    said = f"Failed to load source root '/lib': invalid Modelica package layout under '/lib': {faults}"
+    made = failures.translated(said, Path("N.mo"), b"model N end N;", "N")
+    assert made.code == "model-compile" and "package.mo" in made.remedy
+    assert made.what.count("within M.Blocks") == 1 and made.what.endswith("and so do 2 more files")
+
+
 def test_a_function_with_a_loop_of_unknown_length_is_told_in_words_of_the_language():
     why = "contains a statement without a checked DAE owner"
     said = f"failed in ToDae: unsupported `function statement`: `P.f` {why}"

@@ -4,6 +4,7 @@ engine."""
 import casadi as ca
 import numpy as np
 import pytest
+from dae_models import FlatBuilder
 from flat_models import Draft
 from scipy.integrate import solve_ivp
 
@@ -322,3 +323,20 @@ def test_what_was_compiled_for_more_parameters_serves_the_first_ones():
         np.testing.assert_array_equal(found.sensitivities, expected.sensitivities)
     assert integrator(explicit, NAMES[1:]).library is not more.library
     assert integrator(explicit).names == ()
+
+
+@pytest.mark.parametrize("starts", [{}, {"x": 1.0}])
+def test_start_beside_a_variable_that_bends(starts):
+    b = FlatBuilder("Pair")
+    for name in ("x", "v", "energy"):
+        b.unknown(name, start=starts.get(name), fixed=name in starts)
+    b.equation("der(x) = v", b.der("x"), b["v"])
+    b.equation("der(v) = -x", b.der("v"), -b["x"])
+    b.equation("energy = v*v", b["energy"], b["v"] * b["v"])
+    explicit = reduce_index(b.build())
+    time, theta = np.array([0.0, 0.5]), explicit.flat.theta_values
+    found = integrate(integrator(explicit), time, np.zeros((2, 0)), theta, np.eye(2)[0])
+    swing = dict(zip(explicit.state_names, np.eye(2)[0], strict=True))
+    x, v = swing["x"], swing["v"]
+    expected = {"x": x * np.cos(0.5) + v * np.sin(0.5), "v": v * np.cos(0.5) - x * np.sin(0.5)}
+    np.testing.assert_allclose(found.states[-1], [expected[n] for n in explicit.state_names], rtol=1e-9)

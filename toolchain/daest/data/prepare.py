@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 # Time stamps this near (in periods) to a uniform grid are rounding or jitter of the clock, not information.
 GRID_TOLERANCE = 1e-3
+# Stamps off by the last of their decimals are rounded, too, where that is so small a share of a period.
+ROUNDED = 0.02
 # The anti-alias filter, in units of the new Nyquist frequency: half gain at CUTOFF, full gain below
 # CUTOFF - TRANSITION / 2, ATTENUATION (dB) above CUTOFF + TRANSITION / 2.
 CUTOFF = 0.9
@@ -82,8 +84,9 @@ class Preparation:
 
 
 def regular_times(time: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """The uniform grid through `time` if no stamp is off by more than `GRID_TOLERANCE` periods, else `time`
-    itself; and a note if the stamps were not uniform already. Shapes: time (n_samples,) [s]."""
+    """The uniform grid through `time` if no stamp is off by more than `GRID_TOLERANCE` periods or the last
+    decimal of the stamps, else `time` itself; and a note if the stamps were not uniform already. Shapes: time
+    (n_samples,) [s]."""
     n = time.size
     if n < 3:
         return time, ()
@@ -91,11 +94,22 @@ def regular_times(time: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     period = float(f"{slope:.9g}")
     grid = time[0] + period * np.arange(n)
     off = float(np.max(np.abs(grid - time))) / period
-    if off > GRID_TOLERANCE:
+    if off > GRID_TOLERANCE and off > _last_decimal(time, ROUNDED * period) / period:
         return time, ()
     note = f"time stamps taken as uniform, period {period:.9g} s (off by at most {100 * off:.2g} % of it)"
     # Below 1e-6 of a period it is the rounding of the decimals in the file, not worth a word.
     return grid, (note,) if off > 1e-6 else ()
+
+
+def _last_decimal(time: np.ndarray, most: float) -> float:
+    """The power of ten [s], `most` at most, of which all stamps (n_samples,) are multiples; 0.0 where there
+    is none down to a thousandth of `most`."""
+    first = int(np.floor(np.log10(most)))
+    for exponent in range(first, first - 3, -1):
+        counts = time / 10.0**exponent
+        if np.allclose(counts, np.round(counts), rtol=0.0, atol=1e-3):
+            return 10.0**exponent
+    return 0.0
 
 
 def prepare(experiment: Experiment, preparation: Preparation) -> Experiment:

@@ -18,7 +18,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.learned import learned_load, said, with_formula
 from daest.diagnosis.load_starts import starts_from_nowhere
 from daest.diagnosis.next_experiment import Asked, computed
-from daest.diagnosis.null import Null, open_hold, with_other_hold
+from daest.diagnosis.null import Null, grown, open_hold, with_other_hold
 from daest.diagnosis.open_loop import driven_share, open_screen
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.reasons import is_significant
@@ -28,6 +28,7 @@ from daest.diagnosis.stand import Stand, quiet
 from daest.diagnosis.unseen import innovations
 from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
 from daest.model.effects import Effect
+from daest.model.fit import FitResult
 from daest.modelica.attach import names_of
 from daest.modelica.sites import sites_left
 from daest.numerics.deadline import OutOfTimeError, until
@@ -117,7 +118,8 @@ def _examined(
         elif learned is not None:
             learned = with_formula(learned)
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
-    message += _said_of_inputs(null) if decided.name not in ("supported", "nothing missing") else ""
+    if decided.name not in ("supported", "nothing missing"):
+        message += _said_of_inputs(null, stand.told)
     return Diagnosis(
         verdict=decided.name,
         message=message if is_whole else f"{message} The time was up before all of them were refitted.",
@@ -162,10 +164,14 @@ def _quiet_forms(null: Null, run: NullObserver) -> tuple[FreeForm, ...]:
         return free_forms(null, run)
 
 
-def _said_of_inputs(null: Null) -> str:
-    """A sentence on inputs that hardly move the fitted model; empty where they do."""
+def _said_of_inputs(null: Null, told: FitResult) -> str:
+    """A sentence on inputs that hardly move the fitted model; empty where they do, or move it with the
+    estimates that are `told`, without coloured loads: loads may have taken over what they do."""
     share = driven_share(null)
     if share is None or share >= GATES.min_driven:
+        return ""
+    alone = driven_share(grown(null, null.flat, null.explicit, told, null.experiments))
+    if alone is not None and alone >= GATES.min_driven:
         return ""
     return (
         f" The recorded inputs move the fitted model by {share:.1%} of what its outputs do: check their "

@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
 
+import casadi as ca
 import numpy as np
 
 from daest.diagnosis.gates import GATES
@@ -125,7 +126,7 @@ def fit_null(
     flat = near_given(flat)
     places = load_places(flat, nodes)
     if not places:
-        raise _no_place(nodes)
+        raise _no_place(flat, nodes)
     period = period_of(experiments)
     loaded = with_loads(flat, places, [FIRST_LOAD * period] * len(places))
     explicit = reduce_index(loaded)
@@ -288,7 +289,15 @@ def _time_constants(experiments: Sequence[Experiment], slowest: float | None = N
     return shortest_load(experiments), longest if slowest is None else min(slowest, longest)
 
 
-def _no_place(nodes: Sequence[Site]) -> EstimationError:
+def _no_place(flat: FlatModel, nodes: Sequence[Site]) -> EstimationError:
+    if not nodes and not ca.jacobian_sparsity(flat.residual, flat.derivatives).nnz():
+        return EstimationError(
+            "diagnose-no-place",
+            "the model has neither connectors nor a rate: its outputs follow from the inputs at once, by "
+            "equations in which an unknown force, torque, current or flow has no place",
+            remedy="build it from components, as a source, a Damper and a sensor of force; loads act at "
+            "their connectors",
+        )
     if not nodes:
         return EstimationError(
             "diagnose-no-place",

@@ -308,13 +308,13 @@ class _Judge:
             error_ratios((reference.fit if reference else self.null_fit).simulated, last.simulated)
         )
         vague = not_determined(candidate, last, self._before)
-        undetermined = vanished(candidate, last) or vague
-        is_open, unseen_form = False, ""
-        if not against and not undetermined:
-            formless = without_form(self.with_effect, candidate, last)
-            is_open = not formless
-            unseen_form = formless or beyond_recordings(self.with_effect, candidate, last)
-        reason = against or undetermined or unseen_form
+        gone = against or vanished(candidate, last)
+        # A time constant of which the recordings show nothing is an integral and stands for a constant load.
+        unseen_form = "" if gone else without_form(self.with_effect, candidate, last)
+        is_open = not (gone or unseen_form or vague)
+        if is_open:
+            unseen_form = beyond_recordings(self.with_effect, candidate, last)
+        reason = gone or unseen_form or vague
         reason = reason or weak(prepared, final if is_shown and final else fit, self._before)
         alone = grown(self.fed, prepared.flat, explicit, last, self.found.experiments)
         reason = reason or undriven(alone) or _of_its_start(self.null, alone, candidate, reference)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,7 +16,7 @@ from scipy.linalg import LinAlgWarning
 from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import Null, as_recorded, fit_null, moved_apart, refit
+from daest.diagnosis.null import Null, as_recorded, fit_null, known_values, moved_apart, refit
 from daest.diagnosis.open_loop import simulated_errors
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import Reference, bic_gain
@@ -72,9 +72,9 @@ def begin(
     held = None if options.held is None else _divided(*map(tuple, options.held))
     progress("fitting the model as it is, with unknown loads")
 
-    def null_of(quiet: FlatModel) -> Null:
+    def null_of(quiet: FlatModel, near: Mapping[str, float]) -> Null:
         coarse = None if held is None else held[0]
-        given = (options.hold or options.tried, coarse, options.slowest_load, options.near)
+        given = (options.hold or options.tried, coarse, options.slowest_load, near or options.near)
         null = fit_null(quiet, load_sites(flat), both[0], *given)
         return replace(null, is_hold_given=options.hold is not None)
 
@@ -125,19 +125,45 @@ def _changing_together(flat: FlatModel, experiments: Sequence[Experiment]) -> tu
 
 
 def _fitted(
-    flat: FlatModel, null_of: Callable[[FlatModel], Null], unseen_by: Callable[[Null], tuple[Experiment, ...]]
+    flat: FlatModel,
+    null_of: Callable[[FlatModel, Mapping[str, float]], Null],
+    unseen_by: Callable[[Null], tuple[Experiment, ...]],
 ) -> tuple[Null, FitResult, Reference | None]:
-    """The null that `null_of` makes of the model, and its `_told_fits` on the experiments `unseen_by` it;
-    with the parameters held where loads would take over what the inputs do (`_simulated_better`)."""
-    null = null_of(flat)
+    """The null that `null_of` makes of the model, near values if any are known, and its `_told_fits` on the
+    experiments `unseen_by` it; from the values without coloured loads where these are likelier
+    (`_not_astray`), and with the parameters held where loads would take over what the inputs do
+    (`_simulated_better`)."""
+    null = null_of(flat, {})
     baseline, reference = _told_fits(null, unseen_by(null))
+    null, baseline, reference = _not_astray(
+        null, baseline, reference, lambda near: null_of(flat, near), unseen_by
+    )
     known = _simulated_better(flat, null, reference)
     if known is not None:
         with suppress(*FAILURES):  # a simulation may end at values beside which no load can be fitted
-            fixed = null_of(known)
+            fixed = null_of(known, {})
             again = _told_fits(fixed, unseen_by(fixed))
             if again[1] is not None and not again[1].adds_up:
                 return fixed, *again
+    return null, baseline, reference
+
+
+def _not_astray(
+    null: Null,
+    baseline: FitResult,
+    reference: Reference | None,
+    null_near: Callable[[Mapping[str, float]], Null],
+    unseen_by: Callable[[Null], tuple[Experiment, ...]],
+) -> tuple[Null, FitResult, Reference | None]:
+    """The null with its fits, searched for once more near the parameters without coloured loads where these
+    make the recordings likelier: a model with such loads holds the one without them, so that its search went
+    astray. That of a pendulum ends where a load does what gravity does."""
+    if reference is None or reference.fit.log_likelihood < null.fit.log_likelihood + GATES.min_load_gain:
+        return null, baseline, reference
+    with suppress(*FAILURES):
+        other = null_near(known_values(reference.fit))
+        if other.fit.log_likelihood > null.fit.log_likelihood:
+            return other, *_told_fits(other, unseen_by(other))
     return null, baseline, reference
 
 
@@ -187,9 +213,9 @@ def limited(
 
     known = stand.null
 
-    def null_of(quiet: FlatModel) -> Null:
+    def null_of(quiet: FlatModel, near: Mapping[str, float]) -> Null:
         nodes = load_sites(stand.declared)
-        null = fit_null(quiet, nodes, known.experiments, known.hold, slowest=known.slowest)
+        null = fit_null(quiet, nodes, known.experiments, known.hold, slowest=known.slowest, near=near)
         return replace(
             null,
             other_hold=known.other_hold,

@@ -3,14 +3,16 @@ term."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+import scipy.sparse as sp
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
+from daest.numerics.matching import maximum_matching
 from daest.quantities import dimensions
 
 # Unit of the variable whose rate a balance gives -> domain: momentum, heat, volume and charge.
@@ -68,7 +70,8 @@ def needs_position(domain: Domain) -> bool:
 
 def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
     """Rows of the model itself, and `everywhere` of its components, too, that hold the rate of an unknown and
-    more than that. What events assign has no balance: it stands still between them."""
+    more than that. What events assign has no balance: it stands still between them. Of several rates in one
+    row those are left out that another row needs (`_of_own_rows`)."""
     laws = [i for i, e in enumerate(flat.equations) if e.kind == "component"]
     rows = [i for i in laws if everywhere or not flat.equations[i].origin]
     if not rows:
@@ -88,7 +91,31 @@ def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
             if variable not in assigned:
                 sign = float(np.sign(slopes[row, rate]))
                 found.append(Balance(row, variable, sign, positions.get(variable, -1), rate))
-    return found
+    return _of_own_rows(found)
+
+
+def _of_own_rows(found: Sequence[Balance]) -> list[Balance]:
+    """The balances beside which as many rows as can be have a rate of their own: an arm whose own equation
+    gives its acceleration leaves the one of its pendulum, which holds both, to the pendulum."""
+    rows = sorted({one.row for one in found})
+    variables = sorted({one.variable for one in found})
+    if len(rows) == len(found):
+        return list(found)
+    graph = np.zeros((len(rows), len(variables)), dtype=bool)
+    places = [(rows.index(one.row), variables.index(one.variable)) for one in found]
+    for place in places:
+        graph[place] = True
+    most = _matched(graph)
+    return [
+        one
+        for one, (i, j) in zip(found, places, strict=True)
+        if _matched(np.delete(np.delete(graph, i, axis=0), j, axis=1)) == most - 1
+    ]
+
+
+def _matched(graph: np.ndarray) -> int:
+    """How many rows of a graph of rows and columns, (n, m) of bool, can have a column of their own."""
+    return int(np.sum(maximum_matching(sp.csr_array(graph)) >= 0)) if graph.size else 0
 
 
 def _balanced(slopes: np.ndarray, rates: Mapping[int, int]) -> list[tuple[int, int]]:

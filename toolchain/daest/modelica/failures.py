@@ -20,6 +20,11 @@ MOST_EXPECTED = 8  # words of the parser that are passed on
 _BALANCE = re.compile(r"unbalanced model: (\d+) equations, (\d+) unknowns")
 _QUOTED = re.compile(r"['`]([^'`]+)['`]")
 _SUBTYPE = re.compile(r"violates constrainedby: `([\w.]+)` is not a subtype of `([\w.]+)`")
+_LAYOUT = re.compile(
+    r"source root '([^']+)': invalid Modelica package layout.*?"
+    r"file '([^']+)' has `within ([\w.]*);` but expected `within ([\w.]*);`",
+    re.DOTALL,
+)
 _BYTE = re.compile(r"start: BytePos\((\d+)\)")
 _POSITION = re.compile(r"╭─\[.*?:(\d+):(\d+)\]")
 _DECLARED_TYPE = re.compile(r"^  type (\w+) =", re.MULTILINE)
@@ -103,6 +108,7 @@ def translated(
         pair = _SUBTYPE.search(message)
         return Unfitting(problem, pair[1], pair[2]) if pair else problem
     for translate in (
+        _layout,
         _syntax,
         _balance,
         _unknown,
@@ -625,6 +631,23 @@ def _function(name: str, why: str, path: Path, text: bytes) -> ModelError:
         f"function `{name}` cannot be executed: it {_limit(why)}",
         place_of(str(path), text, heads[0].start) if heads else str(path),
         "Assign every output; use for-loops over one constant range; no `while`, `break` or `return`.",
+    )
+
+
+def _layout(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:
+    """A folder of libraries of which files are missing: the first of the files that the compiler names."""
+    found = _LAYOUT.search(message)
+    if found is None:
+        return None
+    folder, file, own, expected = found.groups()
+    count = len(re.findall("but expected `within", message))
+    return ModelError(
+        "model-compile",
+        f"the library in {folder} is not whole: {file} says `within {own};`, but lies where "
+        f"`within {expected};` is expected{f', and so do {count - 1} more files' if count > 1 else ''}",
+        where=str(path),
+        remedy="look whether every folder of the library has its package.mo; give the folder that holds the "
+        "library's own folder by -L or MODELICAPATH",
     )
 
 

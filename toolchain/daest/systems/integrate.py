@@ -55,7 +55,7 @@ from daest.systems.integration import (
 )
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.sensor_laws import relative_slopes, sensor_laws
-from daest.systems.state_space import state_space_family
+from daest.systems.state_space import family_without_variables
 from daest.systems.tolerances import SOLVER
 
 # Steps over a whole record, however they fall between its samples. A search gives a trajectory up early: one
@@ -288,17 +288,10 @@ def _affine_family(explicit: ExplicitModel) -> StateSpaceFamily | None:
     key = _functions_of(explicit)
     if key not in _families:
         is_affine = explicit.invariants is None and has_affine_dynamics(explicit)
-        _families[key] = explicit, state_space_family(_without_variables(explicit)) if is_affine else None
+        _families[key] = explicit, family_without_variables(explicit) if is_affine else None
         while len(_families) > MOST_COMPILED:
             del _families[next(iter(_families))]
     return _families[key][1]
-
-
-def _without_variables(explicit: ExplicitModel) -> ExplicitModel:
-    """The model without its internal variables, whose matrices no run reads."""
-    arguments: Any = explicit.rhs.sx_in() if explicit.is_symbolic else explicit.rhs.mx_in()
-    kind: Any = ca.SX if explicit.is_symbolic else ca.MX
-    return replace(explicit, variables=ca.Function("variables", arguments, [kind.zeros(0)]))
 
 
 def _functions_of(explicit: ExplicitModel) -> tuple:

@@ -443,12 +443,28 @@ def family_along(explicit: Dynamics, at: Mapping[str, float] | None = None) -> S
 
 @family_along.register
 def _of_equations(explicit: ExplicitModel, at: Mapping[str, float] | None = None) -> StateSpaceFamily:
-    flat = explicit.flat
-    if is_affine_model(flat):
-        x, u, time = np.zeros(explicit.n_states), np.zeros(len(flat.inputs)), 0.0
-    else:
-        x, u, time = _operating_point(explicit, at)
+    x, u, time = _point_of_matrices(explicit, at)
     return family_of(explicit, _matrix_function(explicit, x, u, time), has_affine_dynamics(explicit))
+
+
+def family_without_variables(explicit: ExplicitModel) -> StateSpaceFamily:
+    """The family of a model with affine dynamics, without the matrices of its internal variables, which no
+    run reads. Raises what `initial_point` raises, for these variables lead to the start."""
+    x, u, time = _point_of_matrices(explicit, None)
+    arguments: Any = explicit.rhs.sx_in() if explicit.is_symbolic else explicit.rhs.mx_in()
+    kind: Any = ca.SX if explicit.is_symbolic else ca.MX
+    bare = replace(explicit, variables=ca.Function("variables", arguments, [kind.zeros(0)]))
+    return family_of(bare, _matrix_function(bare, x, u, time), is_affine=True)
+
+
+def _point_of_matrices(
+    explicit: ExplicitModel, at: Mapping[str, float] | None
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """States (n_x,), inputs (n_u,) and time [s] where the matrices are taken; zeros if these are the same
+    everywhere."""
+    if is_affine_model(explicit.flat):
+        return np.zeros(explicit.n_states), np.zeros(len(explicit.flat.inputs)), 0.0
+    return _operating_point(explicit, at)
 
 
 def family_of(
