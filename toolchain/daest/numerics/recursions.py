@@ -86,7 +86,7 @@ class GainChange:
         without a C compiler, or for more states or outputs than that is made for."""
         (n_samples, n, n_y), p = self.K.shape, len(self.start)
         fits = 0 < max(n, n_y) <= MOST_COMPILED and p > 0 and n_samples > 1
-        library = _library(n if n in UNROLLED else 0) if fits else None
+        library = _gain_library(n) if fits else None
         if library is None:
             return None
         dK, dS, dP = (np.empty((p, n_samples, *size)) for size in ((n, n_y), (n_y, n_y), (n, n)))
@@ -133,15 +133,23 @@ def _compiled(A: np.ndarray, drive: np.ndarray, states: np.ndarray) -> bool:
     return True
 
 
+@functools.lru_cache(maxsize=1)
+def _library() -> ctypes.CDLL | None:
+    """The compiled steps; None without a C compiler."""
+    return _part("daest_recursion", "daest_products")
+
+
 @functools.lru_cache
-def _library(gains_of: int | None = None) -> ctypes.CDLL | None:
-    """The compiled steps, or the slopes of `gains_of` so many states (0: of any number); None without a C
-    compiler."""
+def _gain_library(n: int) -> ctypes.CDLL | None:
+    """The compiled slopes of gains for `n` states; None without a C compiler."""
+    return _part("daest_gain_slopes", flags=(f"-DSTATES={n if n in UNROLLED else 0}",))
+
+
+def _part(*names: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
+    """A part of `recursions.c` with the functions `names`; None without a C compiler."""
     source = text_of("recursions.c")
-    chosen = () if gains_of is None else (f"-DSTATES={gains_of}",)
-    library = loaded(source, "recursions", (effort(source, "-O2"), *FAST, *processor_flags(), *chosen))
+    library = loaded(source, "recursions", (effort(source, "-O2"), *FAST, *processor_flags(), *flags))
     if library is not None:
-        names = ("daest_recursion", "daest_products") if gains_of is None else ("daest_gain_slopes",)
         for name in names:
             getattr(library, name).restype = None
     return library
