@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 from daest.data.prepare import (
     Preparation,
+    clear_period,
     detrend,
     regular_times,
     resample,
@@ -93,6 +94,17 @@ def test_fast_mode_keeps_its_samples_where_the_outputs_show_it():
     assert sufficient_period([ringing]) == pytest.approx(0.045, rel=0.2)
     assert sufficient_period([ringing], modes=[15.0]) == pytest.approx(0.006)  # eleven in its period
     assert sufficient_period([slow], modes=[15.0]) == pytest.approx(0.045, rel=0.2)  # it does not show
+
+
+def test_noisy_recording_has_a_period_that_keeps_what_is_above_the_noise():
+    assert 0.03 <= clear_period([moved(0.02, n=60_000)]) <= 0.125  # the Nyquist frequency is 4 Hz or more
+    assert clear_period([moved(0.02), moved(0.02, band=20.0)]) <= 0.00625
+    assert clear_period([moved(0.02, n=3_000)]) == pytest.approx(0.003)  # 1000 samples are left
+    slow = moved(0.02, n=60_000)
+    ringing = replace(slow, outputs=slow.outputs + 0.2 * np.sin(2 * np.pi * 15.0 * slow.time)[:, None])
+    assert clear_period([ringing]) < 0.25 / 15.0
+    assert clear_period([ringing], modes=[30.0]) <= 0.1 / 30.0
+    assert clear_period([moved(0.02, band=400.0)]) is None
 
 
 def test_sensor_noise_and_uneven_times_keep_their_period():

@@ -58,7 +58,7 @@ def test_compiled_slopes_of_varying_gains_are_those_of_the_plain_steps(n, n_y, v
     observed = rng.random((n_samples, n_y)) > 0.2
     start = np.eye(n), covariance(n, p)
     compiled, moved = varying_gains(noise, change, observed, *start)
-    monkeypatch.setattr(recursions, "_library", lambda: None)
+    monkeypatch.setattr(recursions, "_gain_library", lambda _: None)
     plain, expected = varying_gains(noise, change, observed, *start)
     for found, known in ((moved.K, expected.K), (moved.S, expected.S), (moved.P, expected.P)):
         assert found.shape == known.shape

@@ -62,7 +62,7 @@ class Search:
 # Samples for estimation up to which recordings are diagnosed again as they are.
 MOST_AS_RECORDED = 50_000
 MANY_SAMPLES = 15_000  # for estimation, from which a hint tells how to come to an answer sooner, ...
-MANY_TIMES = 4  # ... at that many of the recordings' own periods
+MANY_TIMES = 4  # ... at that many of the recordings' own periods, where they do not tell which is sufficient
 AS_RECORDED = (
     "errors that stay correlated in time may come from the coarser period: diagnosed at the recordings' own"
 )
@@ -280,7 +280,7 @@ def _sufficient(
 ) -> _Drive:
     """The recordings; coarser, and on straight lines, where they are much finer than their outputs move and
     no period is asked for, with a remark that says so."""
-    from daest.data.prepare import is_resampled, resample, sufficient_period
+    from daest.data.prepare import clear_period, is_resampled, resample, sufficient_period
     from daest.model.holds import FOH, ZOH
 
     hold = data_choice.known_hold(project, flat)
@@ -294,10 +294,11 @@ def _sufficient(
     if period is None:
         n_samples = sum(e.n_samples for e in estimation)
         if n_samples > MANY_SAMPLES:
-            own = own or estimation[0].median_step
+            coarser = clear_period(estimation, _natural_frequencies(flat))
+            coarser = coarser or MANY_TIMES * (own or estimation[0].median_step)
             note(
                 f"{n_samples} samples: to refit a law that bends on so many may take minutes; try "
-                f"--resample {MANY_TIMES * own:.4g} or a part (--to) first"
+                f"--resample {coarser:.4g} or a part (--to) first"
             )
         return _Drive(estimation, validation, hold)
     remark = (

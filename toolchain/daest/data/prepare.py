@@ -48,6 +48,10 @@ ROUGHLY = 2.0  # factor by which start values may put a mode beyond what the out
 KEPT_OF_MODE = 5.0
 FEWEST_KEPT = 1000  # samples for estimation that a coarser period leaves at least
 FEWEST_IN_ONE = 300  # and in the shortest of all recordings, validation included
+# An output shows more than the noise of its sensor in octaves whose power density is ABOVE_NOISE times that
+# of the highest octave; KEPT_ABOVE_NOISE times the highest such frequency is kept, for harmonics.
+ABOVE_NOISE = 3.0
+KEPT_ABOVE_NOISE = 4.0
 # A resampled output counts as missing if missing samples carry more than this share of the filter's weight.
 MISSING_SHARE = 0.05
 _RESAMPLED = "resampled to"
@@ -185,6 +189,36 @@ def sufficient_period(
     )
     factor = min(int(0.5 / (max(KEPT * band, KEPT_OF_MODE * shown) * own)), by_samples)
     return factor * own if factor > 1 else None
+
+
+def clear_period(estimation: Sequence[Experiment], modes: Sequence[float] = ()) -> float | None:
+    """A period [s] that keeps what the outputs show above the white noise of their sensors, and the `modes`
+    [Hz] that lie there, a multiple of the recordings' own (median) one; None where no coarser one does. What
+    lies below the noise is not lost behind the filter of `resample`: of many samples it keeps the mean."""
+    own = max(e.median_step for e in estimation)
+    band = max(_clear_band(e) for e in estimation)
+    shown = max((mode for mode in modes if mode <= ROUGHLY * band), default=0.0)
+    fastest = max(KEPT_ABOVE_NOISE * band, KEPT_OF_MODE * shown)
+    most = sum(e.n_samples for e in estimation) // FEWEST_KEPT
+    factor = min(int(0.5 / (fastest * own)), most) if fastest > 0.0 else 1
+    return factor * own if factor > 1 else None
+
+
+def _clear_band(experiment: Experiment) -> float:
+    """The frequency [Hz] up to which an output shows more than its noise, by octaves; 0 where none does."""
+    values = bridged(experiment.outputs, ~np.isfinite(experiment.outputs))
+    highest = 0.0
+    for column in values.T:
+        frequencies, density = _spectrum(column, experiment.median_step)
+        top = float(frequencies[-1])
+        noise = float(np.median(density[frequencies >= top / 2.0]))  # tones up there are no noise
+        while top > 2.0 * frequencies[1]:
+            octave = density[(frequencies >= top / 2.0) & (frequencies <= top)]
+            if np.mean(octave) > ABOVE_NOISE * noise:
+                highest = max(highest, top)
+                break
+            top /= 2.0
+    return highest
 
 
 def _bands(experiment: Experiment) -> tuple[float, float]:

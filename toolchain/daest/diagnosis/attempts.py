@@ -9,7 +9,7 @@ from functools import partial
 
 from daest.diagnosis.candidates import fed
 from daest.diagnosis.in_use import is_hopeless_in_use, shown_in_use
-from daest.diagnosis.proof import Searched, has_lost_its_way, is_below_null, may_be_likelier
+from daest.diagnosis.proof import Searched, has_lost_its_way, is_below_null, may_be_likelier, shortened
 from daest.diagnosis.ranking import least_hope
 from daest.diagnosis.search import (
     Search,
@@ -131,7 +131,8 @@ def _attempts(
 
 
 def _by_shooting(search: Search, prepared: Prepared) -> Prepared:
-    """The candidate started from the best simulation. Raises what `identify` raises."""
+    """The candidate started from the best simulation, of long recordings from that of their first parts.
+    Raises what `identify` raises."""
     null = search.stand.null
     quick = null.shortest_times
     options = IdentifyOptions(
@@ -142,6 +143,7 @@ def _by_shooting(search: Search, prepared: Prepared) -> Prepared:
         max_iterations=ITERATIONS,
         second_look=False,  # the refit from there looks for itself
     )
-    fit = identify(prepared.flat, fed(null.experiments, prepared.trial.candidate), options)
+    experiments = shortened(fed(null.experiments, prepared.trial.candidate))
+    fit = identify(prepared.flat, experiments, options)
     values = {name: fit.theta[name] for name in prepared.names}
     return replace(prepared, flat=prepared.flat.with_theta(values), explicit=None)

@@ -507,9 +507,11 @@ def refitted(
     *,
     max_iterations: int = 40,
     hopeless: float = -np.inf,
+    least: float = -np.inf,
 ) -> Refit:
     """Fit a model that contains the null's loads, starting from the values in `flat`, noise from the null's.
-    A search whose first pass stays below the log-likelihood `hopeless` is not pursued.
+    A search whose first pass stays below the log-likelihood `hopeless` is not pursued, nor one that gains too
+    little to come up to `least`.
 
     The time constants of the loads are fitted, too, though not told as parameters: with an effect in the
     model, what is left unexplained is slower or faster than it was.
@@ -541,6 +543,7 @@ def refitted(
             null.initial_states,
             at_rest=tuple(load.name for load in null.loads),
             hopeless=hopeless,
+            least=least,
         ),
     )
     fit, n_told = found.fit, len(names)

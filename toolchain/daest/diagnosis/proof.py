@@ -57,7 +57,7 @@ from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
 
 LONGER = 2  # searches that go on where one has come to its limit
-LONG = 10_000  # samples, from which a search of a model that bends begins with a part, ...
+LONG = 10_000  # samples, from which a search of a model that bends, or by shooting, takes a part first, ...
 SHORTER = 4  # ... a fourth of every recording
 CALM = 1e-6  # of the null's intensities of the loads, from which a search starts that needs none of them
 
@@ -527,7 +527,7 @@ def _refit(
         start = replace(null, fit=_calm(null.fit, prepared.simulation))
     begun, start = _begun_on_a_part(prepared, explicit, start)
     explicit = explicit if begun is prepared.flat else replace(explicit, flat=begun)
-    found = refitted(begun, explicit, prepared.names, start, hopeless=hopeless)
+    found = refitted(begun, explicit, prepared.names, start, hopeless=hopeless, least=least - LOST)
     for _ in range(LONGER):
         fit = found.fit
         if fit.status != "iteration limit" or fit.log_likelihood < max(hopeless, least):
@@ -543,15 +543,21 @@ def _refit(
 def _begun_on_a_part(prepared: Prepared, explicit: ExplicitModel, start: Null) -> tuple[FlatModel, Null]:
     """The model and the null from which the refit of a model that bends starts: of long recordings those of a
     search over their first parts, since most of the way does not need them whole."""
-    n_samples = sum(e.n_samples for e in start.experiments)
-    if n_samples < LONG or has_affine_dynamics(explicit):
+    parts = shortened(start.experiments)
+    if parts is start.experiments or has_affine_dynamics(explicit):
         return prepared.flat, start
-    parts = tuple(part_of(e, 0, -(-e.n_samples // SHORTER)) for e in start.experiments)
     try:
         fit = refitted(prepared.flat, explicit, prepared.names, replace(start, experiments=parts)).fit
     except DaestError:
         return prepared.flat, start
     return prepared.flat.with_theta(fit.theta), replace(start, fit=fit)
+
+
+def shortened(experiments: tuple[Experiment, ...]) -> tuple[Experiment, ...]:
+    """The first parts of long recordings; short ones as they are."""
+    if sum(e.n_samples for e in experiments) < LONG:
+        return experiments
+    return tuple(part_of(e, 0, -(-e.n_samples // SHORTER)) for e in experiments)
 
 
 def _calm(null_fit: FitResult, simulation: FitResult) -> FitResult:

@@ -370,9 +370,9 @@ def in_time(fits: Sequence[DynamicFits | None]) -> list[DynamicFits]:
 
 def _has_fallen_short(prepared: Prepared, proof: Proof) -> bool:
     """Whether all searches for a law have ended below the null, which it contains, or far below what it does
-    already near the null, by the screen."""
+    already near the null, where the screen promises something there."""
     promised = GATES.min_kept_promise * prepared.trial.promised
-    return is_below_null(proof) or proof.delta_log_likelihood < promised
+    return is_below_null(proof) or (promised > 0.0 and proof.delta_log_likelihood < promised)
 
 
 def _is_same_law(one: Proof, other: Proof) -> bool:

@@ -68,15 +68,17 @@ LEVEL_ITERATIONS = 15  # of the last search over noise levels alone
 class WarmStart:
     """Where a prediction-error search starts when a similar model has been fitted before: noise levels and
     the initial state of every experiment by state name. A first pass that ends below the log-likelihood
-    `hopeless` is the last. The simulations that validate begin with the states `at_rest` at zero: they stand
-    for noise. `shares` of the intensity are started from: what the similar model called noise may now be
-    explained, so that next to none is the other start. A search that `is_rough` ends with its first pass."""
+    `hopeless` is the last, and a search ends where it gains too little to come up to `least`. The simulations
+    that validate begin with the states `at_rest` at zero: they stand for noise. `shares` of the intensity are
+    started from: what the similar model called noise may now be explained, so that next to none is the other
+    start. A search that `is_rough` ends with its first pass."""
 
     intensity: np.ndarray  # (n_w,)
     measurement_std: np.ndarray  # (n_y,)
     initial_states: tuple[Mapping[str, float], ...]
     at_rest: tuple[str, ...] = ()
     hopeless: float = -np.inf
+    least: float = -np.inf
     shares: tuple[float, ...] = (1.0, FIT.explained_noise)
     is_rough: bool = False
 
@@ -228,6 +230,8 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
         best = end
         if gain < FIT.refit_round_gain:
             break
+        if -best.found.evaluation.value + gain * (WARM_ROUNDS - 1 - number) < warm.least:
+            return _with_own_gain(setup, best, warm)
     search = search_of(best.problem, z, options.max_iterations, FIT.warm_gain)
     best = replace(best, found=best_point(search, [best.found.z]) or best.found)
     return _with_own_gain(setup, best, warm)

@@ -1,6 +1,7 @@
 /* Linear recursions and products along a recording, for many right-hand sides at once. Matrices are row-major; `stride`
  * is the distance from the matrix of one sample to that of the next, 0 where one serves all. The loop over samples is the
- * outer one: the matrix of a sample is turned round once for all right-hand sides. */
+ * outer one: the matrix of a sample is turned round once for all right-hand sides. With STATES, the slopes of gains alone
+ * are compiled, for that many states (0: for any number): all sizes beside each other take a compiler seconds. */
 
 enum { MOST = 16 }; /* rows and columns of a matrix */
 
@@ -8,6 +9,8 @@ static inline __attribute__((always_inline)) void turned(const double *A, int ro
   for (int i = 0; i < rows; ++i)
     for (int j = 0; j < columns; ++j) out[j * rows + i] = A[i * columns + j];
 }
+
+#ifndef STATES
 
 static inline __attribute__((always_inline)) void recursion(long m, long steps, int n, const double *A, long stride,
                                                             const double *drive, double *states) {
@@ -63,6 +66,8 @@ void daest_products(long m, long samples, long n, long p, const double *rows, co
 #undef OF
   }
 }
+
+#else
 
 /* out (rows x columns) = or += a (rows x inner) b (inner x columns). */
 static inline __attribute__((always_inline)) void times(const double *a, const double *b, int rows, int inner, int columns,
@@ -150,14 +155,8 @@ void daest_gain_slopes(long p, long samples, long n, long m, const double *Phi, 
                        const double *dC, const double *dQ, const double *dR, const double *dS12, const long *varies,
                        const unsigned char *seen, const double *K, const double *inverse, const double *P, double *dP,
                        double *dS, double *dK) {
-#define RUN(size) gain_slopes(p, samples, size, (int)m, Phi, C, dPhi, dC, dQ, dR, dS12, varies, seen, K, inverse, P, dP, dS, dK)
-  switch (n) {
-    case 2: RUN(2); return;
-    case 3: RUN(3); return;
-    case 4: RUN(4); return;
-    case 6: RUN(6); return;
-    case 8: RUN(8); return;
-    default: RUN((int)n);
-  }
-#undef RUN
+  gain_slopes(p, samples, STATES ? STATES : (int)n, (int)m, Phi, C, dPhi, dC, dQ, dR, dS12, varies, seen, K, inverse, P, dP, dS,
+              dK);
 }
+
+#endif

@@ -18,6 +18,7 @@ import numpy as np
 from daest.numerics.compiler import FAST, effort, loaded, pointer, processor_flags, text_of
 
 MOST_COMPILED = 16  # states; of more, blocked products are faster
+UNROLLED = (2, 3, 4, 6, 8)  # states for which slopes of gains are compiled by themselves
 SHORT = 48  # up to this many samples the plain loop is as fast as blocks
 BLOCK_COLUMNS = 32  # columns (states times samples) of a block: the product costs this many steps per number
 SHORTEST_BLOCK = 4  # samples; models with many states take wider blocks instead of shorter ones
@@ -85,7 +86,7 @@ class GainChange:
         without a C compiler, or for more states or outputs than that is made for."""
         (n_samples, n, n_y), p = self.K.shape, len(self.start)
         fits = 0 < max(n, n_y) <= MOST_COMPILED and p > 0 and n_samples > 1
-        library = _library() if fits else None
+        library = _gain_library(n) if fits else None
         if library is None:
             return None
         dK, dS, dP = (np.empty((p, n_samples, *size)) for size in ((n, n_y), (n_y, n_y), (n, n)))
@@ -135,10 +136,21 @@ def _compiled(A: np.ndarray, drive: np.ndarray, states: np.ndarray) -> bool:
 @functools.lru_cache(maxsize=1)
 def _library() -> ctypes.CDLL | None:
     """The compiled steps; None without a C compiler."""
+    return _part("daest_recursion", "daest_products")
+
+
+@functools.lru_cache
+def _gain_library(n: int) -> ctypes.CDLL | None:
+    """The compiled slopes of gains for `n` states; None without a C compiler."""
+    return _part("daest_gain_slopes", flags=(f"-DSTATES={n if n in UNROLLED else 0}",))
+
+
+def _part(*names: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
+    """A part of `recursions.c` with the functions `names`; None without a C compiler."""
     source = text_of("recursions.c")
-    library = loaded(source, "recursions", (effort(source, "-O2"), *FAST, *processor_flags()))
+    library = loaded(source, "recursions", (effort(source, "-O2"), *FAST, *processor_flags(), *flags))
     if library is not None:
-        for name in ("daest_recursion", "daest_products", "daest_gain_slopes"):
+        for name in names:
             getattr(library, name).restype = None
     return library
 
