@@ -36,8 +36,8 @@ def acting_slopes(
 
 
 def refuse_derivatives(explicit: Dynamics, hold: Hold, theta: np.ndarray | None = None) -> None:
-    """Raises ModelError `input-derivative-order` or `input-derivative-hold` where the model moves, at `theta`
-    (n_theta,; default: the values of the model), by a derivative that the hold does not have."""
+    """Raises ModelError `input-derivative-order` or `input-derivative-hold` where the model moves by a
+    derivative that the hold does not have, at theta (n_theta,) or, without it, at the values of the model."""
     if not explicit.input_derivatives:
         return
     names = explicit.flat.input_names

@@ -619,9 +619,9 @@ def integrate_all(
     max_steps: int | None = None,
     tell: Callable[[float], object] | None = None,
 ) -> list[Trajectory]:
-    """As `integrate`, over several `records` with the same parameters: each from its row of x0 (n_records,
-    n_states) with its correction. Many short ones cost little more than one long one. Raises IntegrationError
-    for the first that fails."""
+    """As `integrate`, over several `records` with the same parameters, each with its correction, from the
+    rows of x0 (n_records, n_states). Many short ones cost little more than one long one. Raises
+    IntegrationError for the first that fails."""
     n_states = x0.shape[1]
     scale = np.ones(n_states) if state_scale is None else np.maximum(np.abs(state_scale), 1e-30)
     theta, x0 = (np.ascontiguousarray(a, dtype=float) for a in (theta, x0))
