@@ -301,7 +301,6 @@ def _shown(name: str, recordings: Sequence[Experiment]) -> tuple[float, float, f
 
 
 def _period(recordings: Sequence[Experiment]) -> float | None:
-
     steps = [e.median_step for e in recordings if e.n_samples > 1]
     return float(f"{min(steps):.{STEPS_OF_PERIOD}g}") if steps else None
 

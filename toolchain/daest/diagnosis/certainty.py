@@ -74,16 +74,13 @@ def known_products(candidate: Candidate, told: FitResult) -> tuple[KnownProduct,
 
 def _product(own: FittedParameter, scale: FittedParameter, spread: float, power: int) -> KnownProduct:
     value = own.value * scale.value**power
+    is_spelled = is_unit_expression(own.unit) and is_unit_expression(scale.unit)
     return KnownProduct(
         f"{own.name.partition('.')[2]}{'*' if power > 0 else '/'}{scale.name}",
         value,
         abs(value) * spread,
-        over_power(own.unit, scale.unit, -power) if _are_spelled(own.unit, scale.unit) else "",
+        over_power(own.unit, scale.unit, -power) if is_spelled else "",
     )
-
-
-def _are_spelled(*units: str) -> bool:
-    return all(map(is_unit_expression, units))
 
 
 def _is_bend(declared: EffectParameter) -> bool:

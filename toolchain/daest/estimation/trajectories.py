@@ -170,10 +170,13 @@ def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = Fa
     refuse_derivatives(problem.model.explicit, problem.hold, theta)
     gain, gain_slopes = problem.corrected_by(z, with_slopes)
     starts, experiments = problem.initial_states(z), problem.experiments
-    keys = [_key(problem, theta, x0, gain) for x0 in starts]
+
+    def key(i: int) -> tuple:
+        return _key(problem, theta, starts[i], gain)
+
     found = {}
     if not with_slopes:
-        known = (_known(problem, e, key) for e, key in zip(experiments, keys, strict=True))
+        known = (_known(problem, e, key(i)) for i, e in enumerate(experiments))
         found = {i: one for i, one in enumerate(known) if one is not None}
     missing = [i for i in range(len(experiments)) if i not in found]
     made = integrate_all(
@@ -190,7 +193,7 @@ def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = Fa
     )
     found |= dict(zip(missing, made, strict=True))
     for i in missing[-MOST_KEPT:]:
-        _kept.append(_Kept(_engine(problem), experiments[i], keys[i], _without_slopes(found[i])))
+        _kept.append(_Kept(_engine(problem), experiments[i], key(i), _without_slopes(found[i])))
     return [found[i] for i in range(len(experiments))]
 
 

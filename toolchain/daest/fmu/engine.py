@@ -77,16 +77,17 @@ def follow(
     start = np.zeros((n_x, directions))
     if directions:
         start[:, plan.steps.size :] = np.eye(n_x)
-    n_steps, reached = _LONG(0), np.array([drive.time[0], 0.0, 0.0])
+    steps, reached = np.zeros(1, dtype=_LONG), np.array([drive.time[0], 0.0, 0.0])
+    lengths, most = (np.array([count], dtype=_LONG) for count in (n, plan.most))
     given = (drive.time, drive.u0, drive.u1, drive.u_last, drive.bent, None, x0)
     correction = _correction(drive)
     with _told(lambda: float(reached[0]), alive), _counted(_LONG.in_dll(library, "daest_calls")):
         status = library.daest_simulate(
-            _LONG(n), *map(pointer, given), ctypes.c_int(directions), ctypes.c_int(plan.steps.size),
-            pointer(start), *map(pointer, correction), _LONG(0), None, ctypes.c_int(0),
+            _LONG(1), *map(pointer, (lengths, *given)),
+            ctypes.c_int(directions), ctypes.c_int(plan.steps.size), pointer(start),
+            *map(pointer, correction), _LONG(0), None, ctypes.c_int(0),
             ctypes.c_double(drive.rtol), pointer(plan.atol),
-            _LONG(plan.most), *map(pointer, (found.states, found.values, found.slopes)),
-            ctypes.byref(n_steps), pointer(reached), None,
+            *map(pointer, (most, found.states, found.values, found.slopes, steps, reached)), None,
         )  # fmt: skip
     return None if status or library.daest_refused() else found
 

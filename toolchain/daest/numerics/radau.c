@@ -1152,31 +1152,21 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
   return status;
 }
 
-/* Solution over n samples. u0, u1: (n-1) x NU inputs at the two ends of each interval; u_last: NU, input at the
- * last sample; bent: (n-1) x 2 x NU, a and b of the share r (1 - r) (a + b r) by which inputs leave the straight line
- * at the part r of an interval, or null. x0 (NX). The directions of sensitivities are by_parameter chosen parameters (daest_n_chosen or 0), the NX initial
- * values, and by_gain changes of the gain, gain_slopes (by_gain x NX x NY); S0: NX x directions row-major, or null. y: n x NY
- * (NaN: missing) and gain: NX x NY, advanced by gain_stride per sample, or null. Out: states n x NX before correction; predicted n x NY; sens
- * n x NY x directions of `predicted`, or null; steps; reached: {time, step that was to come next, not zero where
- * another thread wants an end}; seen (n x NT): the tears from which the loops at each sample are solved. Returns a
- * code above. */
-int daest_simulate(long n, const double *time, const double *u0, const double *u1, const double *u_last,
+/* Solutions over `count` records with the same parameters, record r of n = lengths[r] samples: arrays over samples and over
+ * intervals lie one after the other, as do u_last (count x NU), x0 (count x NX), max_steps and steps (count). u0, u1: (n-1) x
+ * NU inputs at the two ends of each interval; u_last: NU, input at the last sample; bent: (n-1) x 2 x NU, a and b of the
+ * share r (1 - r) (a + b r) by which inputs leave the straight line at the part r of an interval, or null. The directions of
+ * sensitivities are by_parameter chosen parameters (daest_n_chosen or 0), the NX initial values, and by_gain changes of the
+ * gain, gain_slopes (by_gain x NX x NY); S0: NX x directions row-major, or null. y: n x NY (NaN: missing) and gain: NX x NY,
+ * advanced by gain_stride per sample, or null. Out: states n x NX before correction; predicted n x NY; sens n x NY x
+ * directions of `predicted`, or null; steps; reached: {time, step that was to come next, not zero where another thread wants
+ * an end}; seen (n x NT), or null: the tears from which the loops at each sample are solved. Returns a code above, that of the
+ * first that fails, with what it reached; the steps of those behind it are not touched. */
+int daest_simulate(long count, const long *lengths, const double *time, const double *u0, const double *u1, const double *u_last,
                    const double *bent, const double *theta, const double *x0, int directions, int by_parameter, const double *S0,
-                   const double *y, const double *gain, long gain_stride, const double *gain_slopes, int by_gain,
-                   double rtol, const double *atol, long max_steps, double *states, double *predicted, double *sens,
-                   long *steps, double *reached, double *seen) {
-  return run(n, time, u0, u1, u_last, bent, theta, x0, directions, by_parameter, S0, y, gain, gain_stride, gain_slopes, by_gain,
-             rtol, atol, max_steps, states, predicted, sens, steps, reached, 0, 0, 0, 0, 0, 0, seen);
-}
-
-/* The solutions of `count` records with the same parameters, record r of lengths[r] samples: arrays over samples and over
- * intervals lie one after the other, as do u_last (count x NU), x0 (count x NX), max_steps and steps (count). Returns the
- * code of the first that fails, with what it reached; the steps of those behind it are not touched. */
-int daest_simulate_all(long count, const long *lengths, const double *time, const double *u0, const double *u1, const double *u_last,
-                       const double *bent, const double *theta, const double *x0, int directions, int by_parameter, const double *S0,
-                       const double *y, const double *gain, long gain_stride, const double *gain_slopes, int by_gain,
-                       double rtol, const double *atol, const long *max_steps, double *states, double *predicted, double *sens,
-                       long *steps, double *reached, double *seen) {
+                   const double *y, const double *gain, long gain_stride, const double *gain_slopes, int by_gain, double rtol,
+                   const double *atol, const long *max_steps, double *states, double *predicted, double *sens, long *steps,
+                   double *reached, double *seen) {
   for (long r = 0; r < count; ++r) {
     long n = lengths[r], intervals = n > 0 ? n - 1 : 0;
     int status = run(n, time, u0, u1, u_last, bent, theta, x0, directions, by_parameter, S0, y, gain, gain_stride, gain_slopes,

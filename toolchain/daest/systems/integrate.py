@@ -701,7 +701,7 @@ def _run_radau(model: EquationIntegrator, runs: Sequence[Run]) -> list[Trajector
         ctypes.c_double(one.rtol), pointer(one.atol), pointer(most),
         *map(pointer, (states, outputs, sens, steps, reached, seen)),
     )  # fmt: skip
-    status = _watched(model.library.daest_simulate_all, arguments, reached, one.tell)
+    status = _watched(model.library.daest_simulate, arguments, reached, one.tell)
     if status:
         taken = steps[steps >= 0][-1]
         raise IntegrationError(FAILURES[status].format(steps=taken, next=reached[1]), float(reached[0]))
