@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from daest.estimation import search
 from daest.estimation.search import Evaluation, _Course, _leaped, minimise
 
 FREE = np.full(2, np.inf)
@@ -167,3 +168,66 @@ def test_leap_to_where_a_coordinate_does_nothing_goes_on_without_it():
     assert there.value < here.value and z[1] == 1.0
     here = Evaluation(1e4, np.ones(2), np.eye(2))  # better than all that the way back finds
     assert _leaped(far, here, 1e9, -bounds, bounds, course) is None
+
+
+def segments(n, bend):
+    """A curve through n points of which neighbours are tied, bent by one coordinate that all share."""
+    rng = np.random.default_rng(5)
+    seen = np.sin(np.arange(n) / 7.0) + 0.1 * rng.normal(size=n)
+
+    def residuals(z):
+        x, shared = z[:n], z[n]
+        return np.concatenate([x + np.exp(shared) - seen, 3.0 * (np.diff(x) + bend * x[1:] ** 3), [shared]])
+
+    def slopes(z):
+        J = np.zeros((2 * n, n + 1))
+        i = np.arange(n - 1)
+        J[np.arange(n), np.arange(n)], J[:n, n] = 1.0, np.exp(z[n])
+        J[n + i, i], J[n + i, i + 1] = -3.0, 3.0 + 9.0 * bend * z[i + 1] ** 2
+        J[-1, n] = 1.0
+        return J
+
+    return residuals, slopes
+
+
+def test_many_coordinates_end_where_least_squares_does(monkeypatch):
+    residuals, slopes = segments(200, 2.0)
+    start, free = np.full(201, 3.0), np.full(201, np.inf)
+    expected = least_squares(residuals, start, slopes, xtol=1e-14, ftol=1e-14, gtol=1e-12)
+    monkeypatch.setattr(search._SpectralSteps, "__init__", None)  # is not asked
+    found = minimise(squares(residuals, slopes), start, -free, free, 200, converged_gain=1e-16)
+    assert np.allclose(found.z, expected.x, atol=1e-6)
+    assert np.isclose(found.evaluation.value, expected.cost, rtol=1e-12)
+
+
+def test_steps_by_factors_are_those_by_eigenvalues():
+    residuals, slopes = segments(120, 2.0)
+    here, free = squares(residuals, slopes)(np.full(121, 3.0), True), np.ones(121, dtype=bool)
+    by_factors, spectrum = (
+        search._steps(here, free),
+        search._SpectralSteps(here, free, *search._scaled(here, free)),
+    )
+    assert isinstance(by_factors, search._FactoredSteps)
+    assert np.isclose(by_factors.gain, spectrum.gain, rtol=1e-9)
+    longest = spectrum.length_at(0.0)
+    for share in (2.0, 0.5, 1e-2, 1e-4):
+        step, length = spectrum.within(share * longest)
+        other, longer = by_factors.within(share * longest)
+        assert length <= longer * (1.0 + 1e-9) and longer <= 1.1 * length
+        assert np.linalg.norm(other - step) < 0.15 * np.linalg.norm(step)
+
+
+def test_indefinite_information_goes_downhill_among_many_coordinates():
+    n = 100
+
+    def saddle(z, with_slopes):
+        x, y = z[0], z[1]
+        value = float(np.sum((z[2:] - 1.0) ** 2) / 2 + (x**2 + y**2) / 2 - 1.5 * x * y + (x**4 + y**4) / 8)
+        gradient = np.concatenate([[x - 1.5 * y + x**3 / 2, y - 1.5 * x + y**3 / 2], z[2:] - 1.0])
+        information = np.eye(n)
+        information[:2, :2] = [[1.0 + 1.5 * x**2, -1.5], [-1.5, 1.0 + 1.5 * y**2]]
+        return Evaluation(value, gradient, information)
+
+    free = np.full(n, np.inf)
+    found = minimise(saddle, np.full(n, 0.1), -free, free, 100)
+    assert np.allclose(found.z, 1.0, atol=2e-3)

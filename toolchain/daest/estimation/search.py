@@ -11,7 +11,9 @@ and then: the last steps are extended to a parabola, and few steps from its end 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -19,6 +21,7 @@ import numpy as np
 
 from daest.estimation.gates import FIT
 from daest.numerics import deadline
+from daest.numerics.bordered import bordered
 
 FIRST_DAMPING = 1e-3
 HALVINGS = 30  # of the logarithm of the damping that gives a step its length
@@ -26,6 +29,8 @@ SLOW_STEPS = 5  # a search also ends where that many steps together gain less th
 CREEPING_STEPS = 3  # in a row, after which the search leaps
 FIRST_LEAP, LONGEST_LEAP = 4.0, 256.0  # steps
 RETURN_STEPS = 2  # from there to the floor of the valley
+MANY = 60  # coordinates, from which on factors cost less than eigenvalues
+NEWTON_STEPS, SAME_LENGTH = 10, 1.1  # of the damping that gives a step its length
 
 
 @dataclass(frozen=True)
@@ -86,8 +91,8 @@ def minimise(
     at_once = True  # slopes with the first trial of an iteration, as long as first trials are good
     for iteration in range(max_iterations):
         deadline.check()
-        free = _free(z, here, lower, upper)
-        gain = _predicted_gain(here, free)
+        steps = _steps(here, _free(z, here, lower, upper))
+        gain = steps.gain
         if gain < converged_gain:
             return Found(last, here, "converged", iteration, gain)
         if here.value - FIT.goal_reach * (max_iterations - iteration) * gain > goal:
@@ -95,7 +100,7 @@ def minimise(
         is_slow = (
             len(values) > SLOW_STEPS and values[-1 - SLOW_STEPS] - values[-1] < FIT.slow_gain * converged_gain
         )
-        step = None if is_slow else _improve(objective, z, here, free, radius, lower, upper, at_once)
+        step = None if is_slow else _improve(objective, z, here, steps, radius, lower, upper, at_once)
         if step is None:
             is_near = gain < max(FIT.stalled_gain, converged_gain)
             reason: Literal["converged", "stalled"] = "converged" if is_near else "stalled"
@@ -156,7 +161,7 @@ def _leaped(
         if there is None or there.value < here.value:
             break
         free = _free(z, there, lower, upper)  # far away, others may rest or do nothing
-        z = np.clip(z + _Steps(there, free).within(radius)[0], lower, upper)
+        z = np.clip(z + _steps(there, free).within(radius)[0], lower, upper)
         there = objective(z, True)
     return (z, there) if there is not None and there.value < here.value else None
 
@@ -165,7 +170,7 @@ def _improve(
     objective: Objective,
     z: np.ndarray,
     here: Evaluation,
-    free: np.ndarray,
+    steps: _Steps,
     radius: float | None,
     lower: np.ndarray,
     upper: np.ndarray,
@@ -173,7 +178,6 @@ def _improve(
 ) -> _Step | None:
     """The next point; None when no radius gives a better one. `at_once` computes slopes with the first
     trial: they are wanted if it is better."""
-    steps = _Steps(here, free)
     length = steps.length_at(FIRST_DAMPING) if radius is None else radius
     shortest, is_first = FIT.shortest_step * steps.length_at(0.0), True
     while length > shortest:
@@ -192,38 +196,125 @@ def _improve(
     return None
 
 
-class _Steps:
-    """Steps from a point, by their length in units in which every coordinate alone has unit information."""
+class _Steps(ABC):
+    """Steps from a point, by their length in units in which every coordinate alone has unit information.
+    `gain` is what the undamped one promises."""
 
-    def __init__(self, here: Evaluation, free: np.ndarray) -> None:
-        self.free = free
-        information = here.information[np.ix_(free, free)]
-        self.scale = np.sqrt(np.abs(np.diagonal(information)))
-        self.values, vectors = np.linalg.eigh(information / np.outer(self.scale, self.scale))
-        # Where the curvature is negative, the step goes downhill all the same.
-        self.values = np.maximum(np.abs(self.values), FIT.flat * np.max(np.abs(self.values), initial=0.0))
-        self.vectors, self.pull = vectors, -vectors.T @ (here.gradient[free] / self.scale)
+    gain: float
+
+    def __init__(self, here: Evaluation, free: np.ndarray, scale: np.ndarray) -> None:
+        self.free, self.scale, self.pull = free, scale, -here.gradient[free] / scale
+
+    @abstractmethod
+    def damped(self, damping: float) -> np.ndarray:
+        """The step with that damping (n_free,)."""
+
+    @abstractmethod
+    def damping_of(self, length: float) -> float:
+        """What makes a step that is longer about as long as that."""
 
     def length_at(self, damping: float) -> float:
-        step = self.pull / (self.values + damping)
+        step = self.damped(damping)
         return math.sqrt(step @ step)  # as np.linalg.norm, in a third of its time: asked for at every halving
 
     def within(self, length: float) -> tuple[np.ndarray, float]:
         """The step of no more than that length, and its length."""
-        damping = 0.0
-        if self.length_at(0.0) > length:
-            low, high = (
-                np.log(FIT.flat),
-                np.log(max(float(np.linalg.norm(self.pull)) / length, 2.0 * FIT.flat)),
-            )
-            for _ in range(HALVINGS):
-                middle = (low + high) / 2
-                low, high = (middle, high) if self.length_at(np.exp(middle)) > length else (low, middle)
-            damping = float(np.exp(high))
+        damping = self.damping_of(length) if self.length_at(0.0) > length else 0.0
         step = np.zeros(self.free.size)
-        step[self.free] = (self.vectors @ (self.pull / (self.values + damping))) / self.scale
+        step[self.free] = self.in_coordinates(self.damped(damping)) / self.scale
         step = _limited(step)
         return step, float(np.linalg.norm(step[self.free] * self.scale))
+
+    def in_coordinates(self, step: np.ndarray) -> np.ndarray:
+        """The step along the coordinates, where it is made along other directions."""
+        return step
+
+
+class _SpectralSteps(_Steps):
+    """By the eigenvalues of the information: every damping costs next to nothing."""
+
+    def __init__(
+        self, here: Evaluation, free: np.ndarray, scale: np.ndarray, information: np.ndarray
+    ) -> None:
+        super().__init__(here, free, scale)
+        values, self.vectors = np.linalg.eigh(information)
+        self.pull = self.vectors.T @ self.pull
+        size = np.abs(values)  # where the curvature is negative, the step goes downhill all the same
+        flat = FIT.flat * np.max(size, initial=0.0)
+        told = size > flat
+        self.gain = float(np.sum(self.pull[told] ** 2 / size[told]) / 2)
+        self.values = np.maximum(size, flat)
+
+    def damped(self, damping: float) -> np.ndarray:
+        return self.pull / (self.values + damping)
+
+    def damping_of(self, length: float) -> float:
+        low, high = (
+            np.log(FIT.flat),
+            np.log(max(float(np.linalg.norm(self.pull)) / length, 2.0 * FIT.flat)),
+        )
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self.length_at(np.exp(middle)) > length else (low, middle)
+        return float(np.exp(high))
+
+    def in_coordinates(self, step: np.ndarray) -> np.ndarray:
+        return self.vectors @ step
+
+
+class _FactoredSteps(_Steps):
+    """By a factor for every damping: of hundreds of coordinates, a fraction of the work for eigenvalues.
+    Raises LinAlgError where the information is not positive semi-definite."""
+
+    def __init__(
+        self, here: Evaluation, free: np.ndarray, scale: np.ndarray, information: np.ndarray
+    ) -> None:
+        super().__init__(here, free, scale)
+        self.information = bordered(information)
+        self.floor = FIT.flat
+        while True:
+            try:
+                undamped = self.information.factor(self.floor)
+                break
+            except np.linalg.LinAlgError:
+                self.floor *= 10.0
+                if self.floor > FIT.flat_direction * scale.size:
+                    raise
+        self.solvers = {0.0: undamped}
+        self.gain = float(self.pull @ self.damped(0.0) / 2)
+
+    def damped(self, damping: float) -> np.ndarray:
+        if damping not in self.solvers:
+            self.solvers[damping] = self.information.factor(damping + self.floor)
+        return self.solvers[damping](self.pull)
+
+    def damping_of(self, length: float) -> float:
+        """Newton's method for the reciprocal of the length (Moré 1978, section 5)."""
+        damping = 0.0
+        for _ in range(NEWTON_STEPS):
+            step = self.damped(damping)
+            square = float(step @ step)
+            size = math.sqrt(square)
+            if size <= length * SAME_LENGTH:
+                break
+            damping += square / float(step @ self.solvers[damping](step)) * (size - length) / length
+        return damping
+
+
+def _steps(here: Evaluation, free: np.ndarray) -> _Steps:
+    scale, information = _scaled(here, free)
+    if scale.size > MANY:
+        with suppress(np.linalg.LinAlgError):
+            return _FactoredSteps(here, free, scale, information)
+    return _SpectralSteps(here, free, scale, information)
+
+
+def _scaled(here: Evaluation, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The square roots of the diagonal of the information over the free coordinates, and that information in
+    units in which they are 1."""
+    information = here.information[np.ix_(free, free)]
+    scale = np.sqrt(np.abs(np.diagonal(information)))
+    return scale, information / np.outer(scale, scale)
 
 
 def _limited(step: np.ndarray) -> np.ndarray:
@@ -241,17 +332,3 @@ def _free(z: np.ndarray, here: Evaluation, lower: np.ndarray, upper: np.ndarray)
     diagonal = np.diagonal(here.information)
     held = ((z <= lower) & (here.gradient >= 0.0)) | ((z >= upper) & (here.gradient <= 0.0))
     return ~held & (diagonal > FIT.flat * np.max(diagonal, initial=0.0))
-
-
-def _predicted_gain(here: Evaluation, free: np.ndarray) -> float:
-    """gᵀ I⁻¹ g / 2 over the free coordinates."""
-    if not np.any(free):
-        return 0.0
-    step = np.zeros(free.size)
-    information = here.information[np.ix_(free, free)]
-    scale = np.sqrt(np.diagonal(information))
-    solved = np.linalg.lstsq(
-        information / np.outer(scale, scale), here.gradient[free] / scale, rcond=FIT.flat
-    )[0]
-    step[free] = solved / scale
-    return float(here.gradient @ step / 2)

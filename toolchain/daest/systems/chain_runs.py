@@ -13,28 +13,46 @@ from daest.systems.driven_chain import PARTS, DrivenChain, Driving, driving, par
 from daest.systems.integration import FAILURES, Correction, IntegrationError, Run, Trajectory
 from daest.systems.tolerances import SOLVER
 
+PLACES = np.arange(PARTS) / PARTS  # at which the parts of an interval begin
 
-def has_driven_chain(chain: DrivenChain, run: Run) -> bool:
-    """Whether no sample corrects the chain: no noise of the model reaches it. The longest interval is no gap,
-    whose parts would be too long for a straight line."""
-    intervals = np.diff(run.time)
-    if not intervals.size or np.max(intervals) > SOLVER.longest_interval * np.median(intervals):
+
+def have_driven_chain(chain: DrivenChain, runs: Sequence[Run]) -> bool:
+    """Whether no sample of runs that are alike corrects the chain: no noise of the model reaches it. The
+    longest interval is no gap, whose parts would be too long for a straight line."""
+    if not all(_is_gapless(run.time) for run in runs):
         return False
-    if run.correction is not None:
-        if chain.alone:
-            return False
-        gain = run.correction.gain
-        for one in (gain if gain.ndim == 3 else gain[None], run.correction.slopes):
-            moved = np.abs(one) / run.scale[:, None]
-            least = SOLVER.uncorrected * np.max(moved, initial=0.0)
-            if np.max(moved[:, chain.members], initial=0.0) > least:
-                return False
-    return True
+    one = runs[0].correction
+    if one is None:
+        return True
+    gains = [run.correction.gain for run in runs if run.correction is not None]
+    if one.gain.ndim == 2:  # shared
+        gains = [one.gain[None]]
+    return not chain.alone and not any(_reaches(chain, part, runs[0].scale) for part in (*gains, one.slopes))
 
 
-def _is_finite(part: np.ndarray) -> bool:
-    """Whether all of an array of any shape is."""
-    return bool(np.all(np.isfinite(part)))
+def _is_gapless(time: np.ndarray) -> bool:
+    intervals = np.diff(time)
+    middle = intervals.size // 2  # np.median takes several times as long
+    typical = np.partition(intervals, middle)[middle] if intervals.size else 0.0
+    return bool(intervals.size and np.max(intervals) <= SOLVER.longest_interval * typical)
+
+
+def _reaches(chain: DrivenChain, gain: np.ndarray, scale: np.ndarray) -> bool:
+    """Whether gains (k, n_states, n_y) move the chain, in units of the sizes of the states."""
+    moved = np.abs(gain) / scale[:, None]
+    least = SOLVER.uncorrected * np.max(moved, initial=0.0)
+    return bool(np.max(moved[:, chain.members], initial=0.0) > least)
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """What drives the others on every part of every interval of all runs: the time at which it begins, and as
+    those of a `Run` their inputs."""
+
+    time: np.ndarray
+    u0: np.ndarray
+    u1: np.ndarray
+    bent: np.ndarray | None
 
 
 @dataclass(frozen=True)
@@ -51,13 +69,12 @@ class RunsBesideChain:
         """What the chain does in all runs, one behind the other. Raises IntegrationError where that is not
         finite."""
         one = self.runs[0]
-        u0, u1 = (np.concatenate(part) for part in zip(*((run.u0, run.u1) for run in self.runs), strict=True))
-        bends = [run.bent for run in self.runs if run.bent is not None]
-        inputs = u0, u1, np.concatenate(bends) if bends else None
         lengths = [np.diff(run.time) for run in self.runs]
         starts = np.array([run.x0[self.chain.members] for run in self.runs])
         with np.errstate(over="ignore", invalid="ignore"):
-            found = driving(self.chain, one.theta, self.columns, lengths, inputs, starts, one.directions > 0)
+            found = driving(
+                self.chain, one.theta, self.columns, lengths, self._inputs, starts, one.directions > 0
+            )
         if not all(
             np.all(np.isfinite(part)) for part in (found.states, found.start, found.end, found.sampled)
         ):
@@ -95,23 +112,38 @@ class RunsBesideChain:
             return None
         return given.gain[self.chain.rest], given.slopes[:, self.chain.rest]
 
+    @cached_property
+    def _inputs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Those of all runs, and their bends."""
+        u0, u1 = (np.concatenate([getattr(run, name) for run in self.runs]) for name in ("u0", "u1"))
+        bends = [run.bent for run in self.runs if run.bent is not None]
+        return u0, u1, np.concatenate(bends) if bends else None
+
+    @cached_property
+    def _inputs_of_rests(self) -> _Parts:
+        made, (given_0, given_1, given_bent) = self.made, self._inputs
+        u0, u1, bent = parts_of_inputs((given_0, given_1, given_bent))
+        starts, ends = [u0, made.start], [u1, made.end]
+        if self.chain.is_shown:
+            first = np.concatenate([made.sampled[samples][:-1] for samples, _ in self._rows])
+            shown = np.repeat(first[:, None], PARTS, axis=1)
+            starts, ends = [*starts, shown], [*ends, shown]
+        begun = np.concatenate([run.time[:-1] for run in self.runs])[:, None]
+        time = begun + np.concatenate([np.diff(run.time) for run in self.runs])[:, None] * PLACES
+        u0, u1 = (np.concatenate(part, axis=2).reshape(PARTS * begun.size, -1) for part in (starts, ends))
+        if bent is not None:
+            more = np.zeros((*bent.shape[:3], u0.shape[1] - bent.shape[3]))
+            bent = np.concatenate([bent, more], axis=3).reshape(u0.shape[0], 2, -1)
+        return _Parts(time.ravel(), u0, u1, bent)
+
     def _rest(
         self, run: Run, samples: slice, intervals: slice, gain: tuple[np.ndarray, np.ndarray] | None
     ) -> Run:
-        chain, made = self.chain, self.made
-        n, last = run.time.size, made.sampled[samples.stop - 1 : samples.stop]
-        u0, u1, bent = parts_of_inputs((run.u0, run.u1, run.bent))
-        u_last = np.hstack([run.u_last, last])
-        u0 = np.concatenate([u0, made.start[intervals]], axis=2)
-        u1 = np.concatenate([u1, made.end[intervals]], axis=2)
-        if chain.is_shown:  # what outputs show at a sample is the signal itself
-            shown = np.repeat(made.sampled[samples][:-1, None], PARTS, axis=1)
-            u0, u1 = np.concatenate([u0, shown], axis=2), np.concatenate([u1, shown], axis=2)
-            u_last = np.hstack([u_last, last])
-        if bent is not None:
-            bent = np.concatenate([bent, np.zeros((*bent.shape[:3], u0.shape[2] - bent.shape[3]))], axis=3)
-            bent = np.ascontiguousarray(bent.reshape(-1, 2, u0.shape[2]))
-        parts = run.time[:-1, None] + np.diff(run.time)[:, None] * np.arange(PARTS) / PARTS
+        chain, driven = self.chain, self._inputs_of_rests
+        n, last = run.time.size, self.made.sampled[samples.stop - 1 : samples.stop]
+        parts = slice(PARTS * intervals.start, PARTS * intervals.stop)
+        # What outputs show at a sample is the signal itself.
+        u_last = np.hstack([run.u_last, last, last] if chain.is_shown else [run.u_last, last])
         given = run.correction
         if given is not None:
             seen = np.full((PARTS * (n - 1) + 1, given.measurements.shape[1]), np.nan)
@@ -124,11 +156,11 @@ class RunsBesideChain:
         n_chosen, n_rest = len(self.columns) + chain.members.size, chain.rest.size
         return replace(
             run,
-            time=np.append(parts.ravel(), run.time[-1]),
-            u0=np.ascontiguousarray(u0.reshape(-1, u0.shape[2])),
-            u1=np.ascontiguousarray(u1.reshape(-1, u1.shape[2])),
+            time=np.append(driven.time[parts], run.time[-1]),
+            u0=driven.u0[parts],
+            u1=driven.u1[parts],
             u_last=u_last,
-            bent=bent,
+            bent=None if driven.bent is None else driven.bent[parts],
             x0=np.ascontiguousarray(run.x0[chain.rest]),
             directions=n_chosen + n_rest + run.by_gain if run.directions else 0,
             by_parameter=n_chosen if run.directions else 0,

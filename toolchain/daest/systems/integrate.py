@@ -39,7 +39,7 @@ from daest.numerics.exponential import CUBIC, STRAIGHT
 from daest.numerics.projection import pull
 from daest.numerics.watched import watched
 from daest.systems.affine_steps import DrivenBy, Gain, affine_steps
-from daest.systems.chain_runs import RunsBesideChain, has_driven_chain
+from daest.systems.chain_runs import RunsBesideChain, have_driven_chain
 from daest.systems.driven_chain import DrivenChain, driven_chain, rest_functions
 from daest.systems.event_functions import EventFunctions
 from daest.systems.event_update import HybridError
@@ -179,7 +179,7 @@ class ChainIntegrator(ExactIntegrator):
         return self.trajectories([run])[0]
 
     def trajectories(self, runs: Sequence[Run]) -> list[Trajectory]:
-        if not are_alike(runs) or not all(has_driven_chain(self.chain, run) for run in runs):
+        if not are_alike(runs) or not have_driven_chain(self.chain, runs):
             return self.stepped.trajectories(runs)
         columns = self.explicit.flat.parameter_columns(self.begun)
         beside = RunsBesideChain(self.chain, runs, columns)

@@ -94,15 +94,7 @@ def are_alike(runs: Sequence[Run]) -> bool:
 
 
 def _is_alike(one: Run, other: Run) -> bool:
-    counts = (one.directions, one.by_parameter, one.by_gain, one.rtol, one.tell, one.bent is None)
-    if counts != (
-        other.directions,
-        other.by_parameter,
-        other.by_gain,
-        other.rtol,
-        other.tell,
-        other.bent is None,
-    ):
+    if _counts(one) != _counts(other):
         return False
     if not all(_is_same(a, b) for a, b in ((one.theta, other.theta), (one.atol, other.atol))):
         return False
