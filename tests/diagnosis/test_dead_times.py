@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from test_bent_models import ARM
 
-from daest.diagnosis.candidates import pairs
+from daest.diagnosis.candidates import attached, pairs, with_shapes
 from daest.diagnosis.chosen import chosen_candidates
 from daest.diagnosis.dead_times import best_shift, shifted_back
 from daest.diagnosis.diagnose import diagnose
@@ -107,6 +107,22 @@ def test_what_runs_by_itself_is_not_late(n_outputs):
     late = {c.site.name for c in found if c.effect.name == "Delay"}
     assert late == (set() if n_outputs == 1 else set(names))
     assert "Lag" in {c.effect.name for c in found}
+
+
+@pytest.mark.parametrize("period", [0.01, 40.0])
+def test_what_swings_does_so_no_faster_than_samples_tell(period):
+    """A search that loses its way else makes the period ever shorter."""
+    time = period * np.arange(50.0)
+    record = Experiment("run", time, np.zeros((50, 0)), np.ones((50, 1)), (), ("speed",))
+    flat = compile_text(ROLL_OUT.encode(), Path("RollOut.mo"))
+    found = chosen_candidates(
+        effect_library(), sites(flat), [record], DiagnoseOptions(effects=("FlexibleAppendage",))
+    )
+    shaped, _ = with_shapes(flat, found, time, {"v": np.ones(50)}, np.zeros((50, 0)))
+    assert shaped and all(c.shape["T"] >= 2.0 * period for c in shaped)
+    grown = attached(flat, shaped[:1])
+    (own,) = (p for p in grown.parameters if p.name == f"{shaped[0].name}.T")
+    assert own.min == pytest.approx(2.0 * period) and own.min <= own.value
 
 
 def test_candidates_have_names_that_no_component_of_the_model_has():

@@ -333,6 +333,17 @@ def test_limit_that_cuts_next_to_nothing_is_none(share, reason):
     assert reason in found and bool(reason) == bool(found)
 
 
+@pytest.mark.parametrize(("share", "reason"), [(0.5, "a sensor loses the sign, or it does not"), (0.95, "")])
+def test_sensor_that_loses_half_a_sign_is_no_sensor_of_magnitude(share, reason):
+    prepared, proof = proved()
+    (magnitude,) = some_effects("AbsoluteValueSensor")
+    sensor = next(c for c in pairs((magnitude,), sites(model())) if c.site.kind == "output")
+    own = replace(proof.fit.parameters[-1], name=f"{sensor.name}.share", value=share, std_error=0.005)
+    fit = replace(proof.fit, parameters=(*proof.fit.parameters, own))
+    found = weak(replace(prepared, trial=replace(prepared.trial, candidate=sensor)), fit, proof.fit)
+    assert reason in found and bool(reason) == bool(found)
+
+
 def test_size_as_large_as_it_can_be_is_no_weakness():
     prepared, proof = proved()
     assert weak(prepared, changed_size(proof.fit, at_bound="max", std_error=None), proof.fit) == ""

@@ -317,7 +317,11 @@ def _shapes(
             continue
         values = parameter.grid if parameter.role == "shape" else parameter.grid[:1]
         scale = _scale(candidate, parameter, ranges)
-        tried = [scale * value for value in values if scale > 0.0] or [parameter.start]
+        least = -np.inf if parameter.min is None else parameter.min
+        multiples = [scale * value for value in values if scale > 0.0]
+        # Those of a period of time begin where samples tell it.
+        seen = [value for value in multiples if not parameter.is_period_of_time or value >= least]
+        tried = seen or [max(parameter.start, least)]
         shown = counts.get(f"{candidate.name}.{parameter.name}")
         if shown is not None and shown not in tried:
             tried.append(shown)

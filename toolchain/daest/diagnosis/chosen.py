@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.model.diagnosis import Candidate
 from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
+
+NYQUIST = 2.0  # samples in the shortest period that they tell
 
 
 def chosen_candidates(
@@ -25,6 +28,7 @@ def chosen_candidates(
     """The effects of the library at the places where they fit, those that `options` name, under names that
     are not `taken`. No dead time of the one output of a model without inputs: what runs by itself is as late
     where it began elsewhere."""
+    library = [_within_samples(effect, experiments) for effect in library]
     columns = [name for name in experiments[0].extra if _is_new_signal(name, experiments)]
     whole = pairs(library, places, columns, taken)
     runs_by_itself = not experiments[0].input_names and len(experiments[0].output_names) == 1
@@ -37,6 +41,19 @@ def chosen_candidates(
         )
         and (not options.places or {c.site.name, *c.site.aliases} & set(options.places))
     )
+
+
+def _within_samples(effect: Effect, experiments: Sequence[Experiment]) -> Effect:
+    """The effect, with periods of time that pass in two samples or more: a search that loses its way makes
+    them ever shorter, each integration takes longer, and no sample tells them."""
+    if not any(p.is_period_of_time for p in effect.parameters):
+        return effect
+    least = NYQUIST * min(float(np.median(np.diff(e.time))) for e in experiments)
+    told = [
+        replace(p, min=max(p.min or 0.0, least), start=max(p.start, least)) if p.is_period_of_time else p
+        for p in effect.parameters
+    ]
+    return replace(effect, parameters=tuple(told))
 
 
 def _is_new_signal(name: str, experiments: Sequence[Experiment]) -> bool:

@@ -24,6 +24,7 @@ from daest.quantities import spoken_duration
 LOST = (
     5.0  # log-likelihood below that of the null, which a law contains, from which a search has lost its way
 )
+ABSOLUTE_VALUE = "Daest.Effects.Signals.AbsoluteValueSensor"
 PLACED = 0.5  # of what its variable reaches, from which a shape is looked for as a place along it
 
 
@@ -64,6 +65,9 @@ def weak(prepared: Prepared, fit: FitResult, before: FitResult) -> str:
             continue
         if parameter.is_share and size.value < GATES.min_share:
             reasons.append(f"{parameter.name} = {size.value:.2g} leaves the signal nearly as it is")
+            continue
+        if candidate.effect.class_name == ABSOLUTE_VALUE and size.value < GATES.min_lost_sign:
+            reasons.append(f"{parameter.name} = {size.value:.2g}: a sensor loses the sign, or it does not")
             continue
         # Beside estimated shapes a size alone tells little: there the likelihood ratio has spoken.
         shares = sum(p.estimate for p in candidate.effect.parameters) > len(candidate.effect.sizes)

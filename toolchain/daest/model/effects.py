@@ -41,7 +41,8 @@ class EffectParameter:
     `periods_over` is the effect's variable over a period of 2*pi of which the effect repeats as often as the
     parameter says: the screen adds the whole number of periods that the data show to `grid`. Where `scale_of`
     is given, too, the parameter is the length of one period along that variable, and the screen adds the one
-    that they show.
+    that they show. Over "time" the parameter is a period of time: what swings faster than twice in a sample
+    is not seen.
     """
 
     name: str
@@ -59,6 +60,10 @@ class EffectParameter:
     required: bool = False
     signal_unit: str = ""
     periods_over: str = ""
+
+    @property
+    def is_period_of_time(self) -> bool:
+        return self.periods_over == "time"
 
     @property
     def is_share(self) -> bool:

@@ -297,8 +297,10 @@ class _Assembly:
                 self.derived_values.append(value)
             else:
                 value = ca.SX.sym(full)
-                start = float(placement.values.get(parameter.name, parameter.value))
-                own = replace(parameter, name=full, value=start, unit=units[parameter.name], null=None)
+                role = roles[parameter.name]
+                start = float(placement.values.get(parameter.name, role.start))
+                unit = units[parameter.name]
+                own = replace(parameter, name=full, value=start, min=role.min, unit=unit, null=None)
                 self.parameters.append(own)
                 self.theta.append(value)
             self._values[full] = value

@@ -4,8 +4,8 @@ model FlexibleAppendage "Inertia that hangs on a shaft by a spring, such as a fl
   parameter SI.Inertia J(min = 0) = 1e-4 "Moment of inertia that swings"
     annotation(__Daest(estimate = true, role = "size", null = 0));
   parameter SI.Time T(min = 1e-9) = 0.5 "Period of the swing where the shaft is held"
-    annotation(__Daest(estimate = true, role = "shape", of = "time", grid = {0.002, 0.0035, 0.006, 0.01, 0.018, 0.03, 0.055, 0.1, 0.17}));
-  parameter Real zeta(unit = "1", min = 1e-4) = 0.1 "Damping ratio of the swing"
+    annotation(__Daest(estimate = true, role = "shape", of = "time", periods = "time", grid = {0.002, 0.0035, 0.006, 0.01, 0.018, 0.03, 0.055, 0.1, 0.17}));
+  parameter Real zeta(unit = "1", min = 1e-4, max = 1) = 0.1 "Damping ratio of the swing"
     annotation(__Daest(estimate = true, role = "shape", grid = {0.15}));
   SI.Angle z(start = 0, stateSelect = StateSelect.prefer) "Angle of the inertia with respect to the shaft";
   SI.AngularVelocity r(start = 0, stateSelect = StateSelect.prefer) "Angular velocity of that";

@@ -4,8 +4,8 @@ model FlexibleAppendage "Mass that hangs on a body by a spring, such as a flexib
   parameter SI.Mass m(min = 0) = 0.1 "Mass that swings"
     annotation(__Daest(estimate = true, role = "size", null = 0));
   parameter SI.Time T(min = 1e-9) = 0.5 "Period of the swing where the body is held"
-    annotation(__Daest(estimate = true, role = "shape", of = "time", grid = {0.002, 0.0035, 0.006, 0.01, 0.018, 0.03, 0.055, 0.1, 0.17}));
-  parameter Real zeta(unit = "1", min = 1e-4) = 0.1 "Damping ratio of the swing"
+    annotation(__Daest(estimate = true, role = "shape", of = "time", periods = "time", grid = {0.002, 0.0035, 0.006, 0.01, 0.018, 0.03, 0.055, 0.1, 0.17}));
+  parameter Real zeta(unit = "1", min = 1e-4, max = 1) = 0.1 "Damping ratio of the swing"
     annotation(__Daest(estimate = true, role = "shape", grid = {0.15}));
   SI.Position z(start = 0, stateSelect = StateSelect.prefer) "Position of the mass with respect to the body";
   SI.Velocity r(start = 0, stateSelect = StateSelect.prefer) "Velocity of that";
