@@ -21,6 +21,7 @@ from daest.diagnosis.screen import RTOL, run_null, screen
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.unseen import free_runs
 from daest.estimation.identify import identify
+from daest.estimation.setup import is_constant
 from daest.model.diagnosis import Candidate, InUse, Screen
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, IdentifyOptions, error_ratios
@@ -192,7 +193,7 @@ def driven_share(model: Null) -> float | None:
     simulate, shares = integrator(model.explicit), []
     for experiment, run in zip(model.experiments, runs, strict=True):
         level = np.broadcast_to(np.mean(experiment.inputs, axis=0), experiment.inputs.shape)
-        if not np.any(experiment.inputs != level):
+        if all(is_constant(u) for u in experiment.inputs.T):
             continue
         try:
             still = integrate(
