@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from oscillator import OSCILLATOR, record
+from scipy.integrate import solve_ivp
 
 from daest.diagnosis.affine_trial import affine_model, affine_trial
 from daest.diagnosis.compare import compare_models
@@ -19,7 +20,7 @@ from daest.model.fit import IdentifyOptions
 from daest.model.flat import FlatModel
 from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
 from daest.modelica.change import with_values
-from daest.modelica.compile import compile_model
+from daest.modelica.compile import compile_model, compile_text
 from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate
 
@@ -133,6 +134,40 @@ def test_nonlinear_model_is_simulated_from_its_own_initial_value():
     assert trial.simulation.fit_percent["y"] > 99.99
     # Without process noise the prediction is the simulation.
     assert np.array_equal(trial.predicted[0], trial.simulated[0])
+
+
+ARM = """model Arm "An arm with a pendulum on its end"
+  input Real u(unit = "V");
+  output Real phi(unit = "rad", start = 0);
+  output Real psi(unit = "rad", start = 0);
+  Real w(unit = "rad/s", start = 0), r(unit = "rad/s", start = 0);
+equation
+  der(phi) = w;
+  der(w) = 12*(u - w);
+  der(psi) = r;
+  der(r) = -50*sin(psi) - 0.3*r + 2*der(w) + psi*w^2;
+end Arm;
+"""
+
+
+def test_record_that_begins_where_its_inputs_do_not_lead_is_simulated_from_there():
+    """An arm at 1 rad whose pendulum swings out: the input is a thousandth of that, and a run from rest
+    shows sizes of the states that are no scale for their starts."""
+    time = 0.005 * np.arange(900.0)
+    u = 1e-3 * np.sin(3.0 * time)
+
+    def rates(t, x):
+        rate = 12.0 * (1e-3 * np.sin(3.0 * t) - x[1])
+        swing = -50.0 * np.sin(x[2]) - 0.3 * x[3] + 2.0 * rate + x[2] * x[1] ** 2
+        return [x[1], rate, x[3], swing]
+
+    x = solve_ivp(rates, (0.0, time[-1]), [1.0, 0.05, 0.3, -0.5], t_eval=time, rtol=1e-9, atol=1e-12).y
+    run = Experiment("run", time, u[:, None], x[[0, 2]].T, ("u",), ("phi", "psi"))
+    trial = compare_models(
+        [Candidate("arm", compile_text(ARM.encode(), Path("Arm.mo")), 0, "foh")], [run]
+    ).models[0]
+    # Straight lines between the samples of the sine differ from it by 1e-7 of its size.
+    assert trial.simulation.rms["phi"] < 1e-6 and trial.simulation.rms["psi"] < 1e-6
 
 
 def test_error_of_predictions_grows_as_the_covariance_says():

@@ -1,5 +1,6 @@
 """Loads as curves over model variables: the right variable, the true curve, and no relation where none is."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,6 +9,7 @@ from hidden_plants import PERIOD, quiet, rotor_null, rotor_record
 from scipy.stats import kstest
 
 from daest.diagnosis.free_forms import free_forms, internal_variables
+from daest.diagnosis.screen import run_null
 
 
 @cache
@@ -38,6 +40,16 @@ def test_p_values_are_uniform_or_larger_when_nothing_is_related():
         form = next(f for f in forms if f.label == "u")
         found.append(min(1.0, form.p_value / len(forms)) if form.p_value < 1.0 else 1.0)
     assert kstest(found, "uniform", alternative="greater").pvalue > 1e-3
+
+
+@pytest.mark.parametrize("scale", [0.2, 3.0])
+def test_load_in_proportion_to_an_input_is_no_relation(scale):
+    """All torques but that of the input are too small, or too large: parameters and load may mend that."""
+    null, _, _ = pushed()
+    values = {p.name: scale * p.value for p in null.fit.parameters if p.name in ("J", "d")}
+    moved = tuple(replace(p, value=values.get(p.name, p.value)) for p in null.fit.parameters)
+    off = replace(null, flat=null.flat.with_theta(values), fit=replace(null.fit, parameters=moved))
+    assert next(f for f in free_forms(off, run_null(off)) if f.label == "u").p_value == 1.0
 
 
 def test_friction_that_depends_on_the_angle_is_found_with_its_curve():

@@ -25,6 +25,7 @@ from daest.diagnosis.reasons import (
     is_significant,
     lag_too_short,
     not_determined,
+    straight,
     told_values,
     too_slow,
     unexplained,
@@ -342,6 +343,27 @@ def test_sensor_that_loses_half_a_sign_is_no_sensor_of_magnitude(share, reason):
     fit = replace(proof.fit, parameters=(*proof.fit.parameters, own))
     found = weak(replace(prepared, trial=replace(prepared.trial, candidate=sensor)), fit, proof.fit)
     assert reason in found and bool(reason) == bool(found)
+
+
+@pytest.mark.parametrize(
+    ("name", "limit", "gain"),
+    [
+        ("Saturation", 1e-6, "0.1"),
+        ("Saturation", 0.5, ""),
+        ("OneSidedLimit", 0.3, ""),
+        ("OneSidedLimit", 99.0, "0.1"),
+    ],
+)
+def test_limit_that_the_signal_is_always_beyond_is_a_gain(name, limit, gain):
+    """Nine tenths of all that is cut, by the values of the fit and not by those that it began with."""
+    stand = rubbing()
+    cut = next(c for c in pairs(some_effects(name), sites(model())) if c.site.kind == "input")
+    begun = attach(stand.null.flat, cut.effect, cut.site, cut.name, {"share": 0.5, "limit": 0.7})
+    values = {f"{cut.name}.share": 0.9, f"{cut.name}.limit": limit}
+    fit = replace(stand.baseline, theta={**stand.baseline.theta, **values})
+    found = straight(grown(stand.null, begun, reduce_index(begun), fit, stand.null.experiments), cut, fit)
+    said = f"the recordings show no bend of it: it is a gain of {gain} and an offset of "
+    assert found.startswith(said) if gain else not found, found
 
 
 def test_size_as_large_as_it_can_be_is_no_weakness():

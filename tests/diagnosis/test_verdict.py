@@ -275,6 +275,18 @@ def test_nearest_law_of_the_library_is_named_beside_an_unknown_effect():
     assert "nearest" not in decide(evidence(proofs=[far], related=True)).message
 
 
+@pytest.mark.parametrize("against", ["", "unseen data are foreseen no better"])
+def test_law_that_unseen_data_speak_plainly_against_is_not_the_nearest(against):
+    """A saturation at the largest input of the records that were fitted, in records with a larger one."""
+    worse = replace(proof(verdict="rejected"), ahead=(Ahead(1, 0.05, 1.1, -1.0), Ahead(10, 0.5, 24.0, -9.0)))
+    other = replace(proof("QuadraticDrag", "rejected"), ahead=(Ahead(1, 0.05, 1.1, -1.0),))
+    known = evidence(proofs=[worse, other], related=True)
+    message = decide(replace(known, rest=replace(known.rest, against_form=against))).message
+    assert "nearest of the library is QuadraticDrag" in message
+    alone = evidence(proofs=[worse], related=True)
+    assert "nearest" not in decide(replace(alone, rest=replace(alone.rest, against_form=against))).message
+
+
 def test_a_rejected_law_that_foresees_unseen_data_is_named_beside_an_unknown_effect():
     """The smaller error of two, or both where they are alike; none that is above 0.6 of the model's;
     none twice."""

@@ -17,6 +17,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.screen import (
     NullObserver,
+    loads_rescaled,
     nuisance,
     projected,
     projection,
@@ -71,16 +72,33 @@ def free_forms(null: Null, run: NullObserver, variables: Iterable[str] | None = 
         for e, table in zip(null.experiments, tables, strict=True)
     ]
     ends = np.cumsum([1, *(tables[0][key].course.shape[0] for key in shared)])
-    forms = []
+    rescaling, forms = loads_rescaled(null, run), []
     for index in range(len(null.loads)):
         whole = _responses(null, run, index, courses)
         constant, *parts = np.split(whole, ends[:-1])
-        apart = projection(np.vstack([parameters, constant]))  # a constant load follows nothing
+        known = np.vstack([parameters, constant])  # a constant load follows nothing
+        apart, rescaled = projection(known), projection(np.vstack([known, rescaling]))
         for (name, speed), responses in zip(shared, parts, strict=True):
             key, basis = (index, name, speed), tables[0][name, speed]
-            forms.append(_tested(null, key, basis, responses, apart, run.whitened, spread))
+            line = _line(basis, speed) @ responses
+            # A load in proportion to an input is a gain of it, which parameters and loads may be together.
+            beside = projection(np.vstack([known, line])) if _is_in(rescaled, line) else apart
+            forms.append(_tested(null, key, basis, responses, beside, run.whitened, spread))
     corrected = [replace(f, p_value=min(1.0, len(forms) * f.p_value)) for f in forms]
     return tuple(sorted(corrected, key=_rank))
+
+
+def _line(basis: Basis, speed: str) -> np.ndarray:
+    """Weights (1, k) of the functions of a basis whose sum is the variable itself; none (0, k) where that is
+    no curve of the basis."""
+    if speed or basis.over_a_turn:
+        return np.zeros((0, basis.shown.shape[0]))
+    return np.linalg.lstsq(basis.shown.T, basis.x)[0][None]
+
+
+def _is_in(apart: Apart, line: np.ndarray) -> bool:
+    """Whether next to nothing of the response (1, m) is left apart from known ones."""
+    return bool(line.size) and float(apart(line)[1].item()) < GATES.absorbed_share
 
 
 def _rank(form: FreeForm) -> float:

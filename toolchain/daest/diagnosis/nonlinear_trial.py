@@ -20,9 +20,8 @@ from daest.diagnosis.trial import (
     variables_along,
 )
 from daest.estimation.coordinates import Unknowns, objective
-from daest.estimation.gates import FIT
+from daest.estimation.nonlinear_start import begun_best, limits
 from daest.estimation.observer import Observer, average_model, observer
-from daest.estimation.records import part_of
 from daest.estimation.search import minimise
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.comparison import Horizon
@@ -35,7 +34,6 @@ from daest.systems.initialize import initial_point
 from daest.systems.integrate import Integrator, integrate, integrator
 from daest.systems.integration import IntegrationError, Trajectory
 
-FIRST_SAMPLES = 50  # fitted first, so that a wrong start does not lead the whole simulation astray
 ITERATIONS = 15  # of the search for initial states
 UNKNOWN_NOISE = "no one-step prediction: the noise levels are unknown or give no observer (daest identify)"
 STARTS_AHEAD = 200  # samples of a recording from which longer predictions start
@@ -63,8 +61,7 @@ def nonlinear_trial(candidate: Candidate, experiments: Sequence[Experiment], mod
     unknown or give no observer.
     """
     explicit, flat = model.plain.explicit, candidate.flat
-    problem = _problem(candidate, experiments, model)
-    z = _searched(problem, _first_states(problem))
+    problem, z = _begun(_problem(candidate, experiments, model))
     simulated = prediction_errors(problem, z)
     known = np.array([output.noise_std is not None for output in flat.outputs], dtype=bool)
     predicted, std, cov = simulated, np.zeros(0), np.zeros(0)
@@ -116,8 +113,7 @@ def nonlinear_follower(
 ) -> Callable[[np.ndarray], tuple[np.ndarray, ...]]:
     """Simulated outputs (n_samples, n_y) of every recording as a function of theta, from the initial states
     that fit best at the values of the candidate; NaN where the model cannot be integrated."""
-    problem = _problem(candidate, experiments, model)
-    z = _searched(problem, _first_states(problem))
+    problem, z = _begun(_problem(candidate, experiments, model))
 
     def at(theta: np.ndarray) -> tuple[np.ndarray, ...]:
         there = replace(problem, unknowns=replace(problem.unknowns, theta=theta))
@@ -157,15 +153,15 @@ def _sizes(problem: TrajectoryProblem, starts: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(size) & (size > 0.0), size, 1.0)
 
 
-def _first_states(problem: TrajectoryProblem) -> np.ndarray:
-    """Search vector of the initial states that fit the first samples."""
-    heads = replace(problem, experiments=tuple(part_of(e, 0, FIRST_SAMPLES) for e in problem.experiments))
-    return _searched(heads, (_starts(problem) / problem.state_scale).ravel())
+def _begun(problem: TrajectoryProblem) -> tuple[TrajectoryProblem, np.ndarray]:
+    """The problem in the scales of the initial states that fit the recordings best, and these (n_z,)."""
+    z = (_starts(problem) / problem.state_scale).ravel()
+    scaled, found = begun_best(problem, z, *limits(problem), ITERATIONS)
+    return (problem, z) if found is None else (scaled, found.z)
 
 
 def _searched(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
-    limit = np.full(z.size, FIT.state_range)
-    found = minimise(objective(problem), z, -limit, limit, ITERATIONS)
+    found = minimise(objective(problem), z, *limits(problem), ITERATIONS)
     return z if found is None else found.z
 
 

@@ -14,13 +14,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.diagnosis.candidates import ranges
+from daest.diagnosis.candidates import courses, ranges
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown
 from daest.diagnosis.screen import RTOL, run_null, screen
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.unseen import free_runs
 from daest.estimation.identify import identify
+from daest.estimation.setup import is_constant
 from daest.model.diagnosis import Candidate, InUse, Screen
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, IdentifyOptions, error_ratios
@@ -154,13 +155,33 @@ def _errors(model: Null, experiments: Sequence[Experiment]) -> tuple[np.ndarray,
 def largest_values(model: Null) -> dict[str, float]:
     """Largest magnitude of every variable in the simulation of the experiments of a model; empty where it
     cannot be simulated."""
-    runs = free_runs(model, model.experiments)
+    runs, explicit = free_runs(model, model.experiments), _at_its_values(model)
     found: dict[str, float] = {}
     for experiment, run in zip(model.experiments, runs or (), strict=bool(runs)):
-        states = dict(zip(model.explicit.state_names, run.states.T, strict=True))
-        here = ranges(model.explicit, experiment.time, states, experiment.inputs)
+        states = dict(zip(explicit.state_names, run.states.T, strict=True))
+        here = ranges(explicit, experiment.time, states, experiment.inputs)
         found = {name: max(value, found.get(name, 0.0)) for name, value in here.items()}
     return found
+
+
+def values_along(model: Null, names: Sequence[str]) -> np.ndarray | None:
+    """Values (n_names, n) of variables in the simulation of the experiments of a model, one experiment after
+    the other; None where it cannot be simulated or lacks one of them."""
+    runs, explicit = free_runs(model, model.experiments), _at_its_values(model)
+    parts = []
+    for experiment, run in zip(model.experiments, runs or (), strict=bool(runs)):
+        states = dict(zip(explicit.state_names, run.states.T, strict=True))
+        every = np.arange(experiment.n_samples)
+        found = courses(explicit, experiment.time, states, experiment.inputs, every)
+        if not all(name in found for name in names):
+            return None
+        parts.append(np.array([found[name] for name in names]))
+    return np.concatenate(parts, axis=1) if parts else None
+
+
+def _at_its_values(model: Null) -> ExplicitModel:
+    """The dynamics of a model with the values that it has now: they were made before it was fitted."""
+    return replace(model.explicit, flat=model.flat)
 
 
 def driven_share(model: Null) -> float | None:
@@ -172,7 +193,7 @@ def driven_share(model: Null) -> float | None:
     simulate, shares = integrator(model.explicit), []
     for experiment, run in zip(model.experiments, runs, strict=True):
         level = np.broadcast_to(np.mean(experiment.inputs, axis=0), experiment.inputs.shape)
-        if not np.any(experiment.inputs != level):
+        if all(is_constant(u) for u in experiment.inputs.T):
             continue
         try:
             still = integrate(

@@ -12,7 +12,7 @@ from daest.diagnosis.certainty import KnownProduct, certainty_of, known_products
 from daest.diagnosis.free_forms import covers
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown
-from daest.diagnosis.open_loop import driven_share, largest_values
+from daest.diagnosis.open_loop import driven_share, largest_values, values_along
 from daest.diagnosis.screen import NullObserver, law_response, run_null
 from daest.diagnosis.trials import Prepared
 from daest.errors import DaestError
@@ -169,9 +169,29 @@ def too_slow(model: Null, candidate: Candidate, told: FitResult) -> str:
     return f"{spoken_duration(longest)} is too long for recordings that show up to {spoken_duration(most)}"
 
 
+def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
+    """Why a law that bends a signal at places along it is not what its name says, where the recordings show
+    it straight: a gain with an offset, which other parameters may be, too. Empty where it bends."""
+    if not candidate.is_of_signal or candidate.is_dynamic or not scaled_shapes(candidate):
+        return ""
+    names = [f"{candidate.name}.{one}" for one in candidate.effect.connectors]
+    along = values_along(grown(model, model.flat, model.explicit, told, model.experiments), names)
+    if along is None or not np.all(np.isfinite(along)):
+        return ""
+    u, change = along[0], along[1] - along[0]
+    terms = np.column_stack([u, np.ones_like(u)])
+    slope, offset = np.linalg.lstsq(terms, change)[0]
+    if np.linalg.norm(change - slope * u - offset) >= GATES.absorbed_share * np.linalg.norm(change):
+        return ""
+    return (
+        f"the recordings show no bend of it: it is a gain of {1.0 + slope:.3g} and an offset of {offset:.3g}"
+    )
+
+
 def beyond_recordings(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why the law lies beyond what the recordings reach or show; empty where it does not."""
-    return out_of_reach(model, candidate, told) or too_slow(model, candidate, told)
+    reason = out_of_reach(model, candidate, told) or too_slow(model, candidate, told)
+    return reason or straight(model, candidate, told)
 
 
 def _is_place(parameter: EffectParameter) -> bool:

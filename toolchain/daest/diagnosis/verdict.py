@@ -311,17 +311,17 @@ def _any_dynamics(evidence: Evidence, short: Sequence[Proof]) -> Decided:
 
 def _no_law(evidence: Evidence, loads: Loads, form: FreeForm) -> Decided:
     """A load that seems to follow a variable, though no curve over it foresees anything."""
-    near = [p for p in evidence.proofs if p.delta_bic > GATES.min_told_bic_gain]
+    near = next((p for p in evidence.proofs if _may_be_near(p)), None)
     text = (
         f"An unexplained load acts at {_load_places(loads)}. It seems to follow {form.label} (p = "
         f"{form.p_value:.1g}), but with a curve over that in the model {loads.against_form}: it is noise "
         "or a load from outside, or a law that this recording does not show well enough."
     )
-    if near:
-        text += f" The nearest of the library is {near[0].candidate.label}, but {near[0].reason}."
+    if near is not None:
+        text += f" The nearest of the library is {near.candidate.label}, but {near.reason}."
     return Decided(
         "external disturbance",
-        text + foreseen_by(evidence, near[0] if near else None),
+        text + foreseen_by(evidence, near),
         "Repeat the same experiment: what comes back in the same way belongs to the machine.",
     )
 
@@ -550,7 +550,7 @@ def _unknown(evidence: Evidence, loads: Loads, form: FreeForm) -> Decided:
         (
             p
             for p in evidence.proofs
-            if p.is_known and p.delta_bic > GATES.min_told_bic_gain and p.explained > GATES.min_told_explained
+            if p.is_known and _may_be_near(p) and p.explained > GATES.min_told_explained
         ),
         None,
     )
@@ -563,6 +563,13 @@ def _unknown(evidence: Evidence, loads: Loads, form: FreeForm) -> Decided:
     text += foreseen_by(evidence, nearest)
     record = f"Record {form.variable} over a wider range, slowly and in both directions, to tell its form."
     return Decided("unknown effect", text, record)
+
+
+def _may_be_near(proof: Proof) -> bool:
+    """Whether a rejected law may be told as the nearest to what acts: it gains likelihood, and unseen data do
+    not speak plainly against it."""
+    worst = max((a.ratio for a in proof.ahead), default=0.0)
+    return proof.delta_bic > GATES.min_told_bic_gain and worst < GATES.max_nearest_ratio
 
 
 def foreseen_by(evidence: Evidence, named: Proof | None, limit: float = GATES.max_told_ratio) -> str:

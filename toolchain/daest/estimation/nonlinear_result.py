@@ -9,7 +9,6 @@ import numpy as np
 
 from daest.estimation.coordinates import objective, prior_precisions
 from daest.estimation.gain_family import Levels
-from daest.estimation.gates import FIT
 from daest.estimation.identifiability import (
     Scores,
     covariance,
@@ -19,7 +18,7 @@ from daest.estimation.identifiability import (
     without_influence,
 )
 from daest.estimation.noise_levels import Ending, average_along
-from daest.estimation.nonlinear_start import consistent_states, fit_initial_states, limits
+from daest.estimation.nonlinear_start import begun_best, consistent_states, limits
 from daest.estimation.observer import AverageModel
 from daest.estimation.profile import Searched
 from daest.estimation.result import (
@@ -31,7 +30,7 @@ from daest.estimation.result import (
     common_period,
     fitted_initial_state,
 )
-from daest.estimation.search import Found, minimise
+from daest.estimation.search import Found
 from daest.estimation.setup import Setup
 from daest.estimation.shooting import whole_errors
 from daest.estimation.stationary import unseen_directions
@@ -117,8 +116,7 @@ class NonlinearEnds:
                 names_at_rest = np.isin(problem.model.explicit.state_names, self.at_rest)
                 rests = np.tile(names_at_rest, len(experiments))
                 lower, upper, z = (np.where(rests, 0.0, part) for part in (lower, upper, z))
-            z = fit_initial_states(problem, z, lower, upper, FIT.agreement_gain)
-        found = minimise(objective(problem), z, lower, upper, iterations, FIT.agreement_gain)
+        problem, found = begun_best(problem, z, lower, upper, iterations, is_near=is_fitted)
         errors = None if found is None else prediction_errors(problem, found.z)
         return agreement_of(names, measured, None if errors is None else errors.errors)
 

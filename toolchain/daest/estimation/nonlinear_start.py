@@ -127,7 +127,8 @@ def with_outgrown_scales(problem: TrajectoryProblem, z: np.ndarray) -> tuple[Tra
 
 def _scale_by_outputs(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
     """The initial value of each state that moves the outputs by as much as is left of them, on average over a
-    record; 1 for a state that moves none. Shapes: z (n_z,) unscaled; the scales (n_states,)."""
+    record, in the scales of the problem; 1 for a state that moves none. Shapes: z (n_z,); the scales
+    (n_states,)."""
     here = objective(problem)(z, True)
     if here is None:
         return np.ones_like(problem.state_scale)
@@ -171,6 +172,30 @@ def fit_initial_states(
     found = [end for end in ends if end is not None]
     best = min(found, key=lambda end: end.evaluation.value, default=None)
     return z if best is None else np.concatenate([z[:n], best.z])
+
+
+def begun_best(
+    problem: TrajectoryProblem,
+    z: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    iterations: int,
+    *,
+    is_near: bool = False,
+) -> tuple[TrajectoryProblem, Found | None]:
+    """The end of a search for the initial states that fit whole experiments best, of a problem that has no
+    other unknowns, and the problem in the scales of this end; None where it cannot be simulated. Unless
+    `is_near`, the first samples are fitted before.
+
+    A recording that begins far from where the inputs alone would lead, or states that the outputs hardly see,
+    would take hundreds of steps in the sizes that a simulation from rest shows. Shapes: z, lower and upper
+    (n_z,)."""
+    grown = np.maximum(_scale_by_outputs(problem, z), 1.0)
+    z = z / np.tile(grown, len(problem.experiments))
+    problem = replace(problem, state_scale=problem.state_scale * grown)
+    if not is_near:
+        z = fit_initial_states(problem, z, lower, upper, FIT.agreement_gain)
+    return problem, minimise(objective(problem), z, lower, upper, iterations, FIT.agreement_gain)
 
 
 def limits(problem: TrajectoryProblem) -> tuple[np.ndarray, np.ndarray]:
