@@ -430,7 +430,10 @@ def test_shooting_waits_until_nothing_else_explains_the_data(monkeypatch):
         tried.clear()
         trial = SimpleNamespace(candidate=proof("a", -9.0).candidate)
         first = Prepared(trial, None, ())
-        stages = Stages(None, None, None, None, lost=[first, replace(first, similar="another")])
+        late = proof("u", -9.0).candidate
+        late.effect = SimpleNamespace(class_name="Daest.Effects.Signals.Delay")
+        lost = [first, replace(first, similar="another"), Prepared(SimpleNamespace(candidate=late), None, ())]
+        stages = Stages(None, None, None, None, lost=lost)
         proofs = [p for p in (best, proof("a", -9.0)) if p is not None]
         found = stages.second_tries(proofs, SimpleNamespace(entries=()))
         assert not stages.lost

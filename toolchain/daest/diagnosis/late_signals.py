@@ -41,6 +41,11 @@ HAIR = 1e-9  # of an interval
 MOST_LATE = 2  # trials of one kind go to the proof
 
 
+def is_late(candidate: Candidate) -> bool:
+    """Whether its law is that a signal comes late."""
+    return candidate.effect.class_name in (LAG, DELAY)
+
+
 @dataclass(frozen=True)
 class LateSignals:
     """Trials of the `lags` that the innovations show, best first, each at the time that shows most, and of
@@ -53,7 +58,7 @@ class LateSignals:
 def late_signals(null: Null, run: NullObserver, candidates: Sequence[Candidate]) -> LateSignals:
     """Which of the candidates that delay a signal the innovations show; of signals that the sensors see alike
     the one that shows most."""
-    late = [c for c in candidates if c.effect.class_name in (LAG, DELAY) and c.is_of_recorded]
+    late = [c for c in candidates if is_late(c) and c.is_of_recorded]
     late = [c for c, there in zip(late, already_there(null, late), strict=True) if not there]
     if not late:
         return LateSignals()

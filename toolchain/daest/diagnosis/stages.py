@@ -14,6 +14,7 @@ import numpy as np
 from daest.diagnosis.attempts import proof_by_attempts
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.in_use import shown_in_use
+from daest.diagnosis.late_signals import is_late
 from daest.diagnosis.null import Null
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.proof import is_below_null, with_steady_error
@@ -158,7 +159,8 @@ class Stages:
     def second_tries(self, proofs: Sequence[Proof], found: Screen) -> list[Proof]:
         """All laws, those that are `lost` from the start of a simulation by multiple shooting, which takes
         longer than all other searches, as long as they may still be what is missing: none that is far from an
-        accepted law that leaves nothing."""
+        accepted law that leaves nothing. How late a signal is, shifts of the recordings tell: a dead time has
+        its states at the start of every segment besides, and takes longest."""
         best = best_accepted(ranked(proofs))
         names = {entry.candidate.name for entry in found.entries}
         is_told = best is not None and best.candidate.name not in names and is_settled([best])
@@ -166,6 +168,7 @@ class Stages:
             replace(one, by_shooting=True)
             for one in self.lost
             if one.similar is None and one.simulation is None and not one.by_shooting
+            if not is_late(one.trial.candidate)
             if not is_told and could_compete(one.trial, best, found)
         ]
         self.lost.clear()
