@@ -16,6 +16,9 @@ import pytest
 from lag_data import LAG, PROJECT, recording, write_csv, write_lag
 
 from daest.cli.main import run
+from daest.model.holds import hold_text
+from daest.report.documents.fit import FitDocument
+from daest.report.documents.parts import facts
 
 EVIL = "<script>alert('x')</script><img src=x onerror=alert(1)>"
 HELD = PROJECT + 'hold = "zoh"\n'
@@ -137,6 +140,9 @@ def test_results_are_shown_with_their_numbers(page, results):
     fit = json.loads((results / "fit.json").read_text())
     for parameter in fit["parameters"].values():
         assert f"{parameter['value']:.6g}" in text_of(tree, "estimation")
+    for fact in facts(FitDocument, fit):
+        assert fact in text_of(tree, "estimation")
+    assert hold_text(fit["hold"]) in text_of(tree, "estimation")
     digest = next(f["sha256"] for f in fit["made_from"]["files"] if f["path"] == "run1.csv")
     assert digest[:16] in text_of(tree, "origin") and "unchanged" in text_of(tree, "origin")
 

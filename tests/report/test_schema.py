@@ -114,5 +114,22 @@ def test_what_has_no_json_form_is_refused():
         document_schema("wave", Wave)
 
 
+class Fallen(TypedDict):
+    height: Annotated[float | None, parts.Fact("from {} m", 2)]
+    speed: NotRequired[Annotated[float, "in m/s", parts.Fact("at {} m/s")]]
+    color: str
+
+
+@pytest.mark.parametrize(
+    ("document", "told"),
+    [
+        ({"height": 1.234, "speed": 4.9, "color": "red"}, ["from 1.2 m", "at 4.9 m/s"]),
+        ({"height": None, "color": "red"}, ["from - m"]),
+    ],
+)
+def test_facts_are_told_by_their_marks(document, told):
+    assert parts.facts(Fallen, document) == told
+
+
 def test_example_of_an_entry():
     assert doctest.testmod(parts) == (0, 3)

@@ -15,7 +15,7 @@ from daest.model.fit import (
     ProfileEnd,
 )
 from daest.model.holds import Hold
-from daest.report.documents.parts import ByPart, Errors, Of, entry, errors_entry
+from daest.report.documents.parts import ByPart, Errors, Fact, Of, entry, errors_entry
 
 
 class PriorEntry(TypedDict):
@@ -108,14 +108,14 @@ class FitDocument(TypedDict):
     correlation: Correlation
     weak_directions: list[WeakDirectionEntry]
     weak_threshold: NotRequired[float]
-    log_likelihood: float | None
+    log_likelihood: Annotated[float | None, Fact("log-likelihood {}", 8)]
     start_log_likelihoods: NotRequired[list[float | None]]
     fit_percent: ByPart
     rms: ByPart
     one_step: Errors
     n_samples: int
     n_iterations: NotRequired[int]
-    seconds: float
+    seconds: Annotated[float, Fact("{} s", 3)]
     period: float | None
     hold: Hold
     notes: NotRequired[list[str]]

@@ -27,6 +27,7 @@ import numpy as np
 from daest.model.linear import RankDecision
 from daest.model.parts import Equation
 from daest.numerics.ranks import warning
+from daest.report.console import number
 
 if TYPE_CHECKING:
     from daest.model.fit import Agreement
@@ -95,6 +96,26 @@ class Of:
     name of the effect of a value."""
 
     path: str
+
+
+@dataclass(frozen=True)
+class Fact:
+    """Marks a number that the text and the page tell: `Annotated[float, Fact("{} s", 3)]`, with so many
+    digits."""
+
+    words: str
+    digits: int = 4
+
+
+def facts(kind: type, document: Mapping[str, Any]) -> list[str]:
+    """What the marks `Fact` of a typed dictionary tell of a document of it; nothing of keys that it lacks."""
+    told = []
+    for key, hint in get_type_hints(kind, include_extras=True).items():
+        inner = get_args(hint)[0] if get_origin(hint) is NotRequired else hint
+        for mark in getattr(inner, "__metadata__", ()):
+            if isinstance(mark, Fact) and key in document:
+                told.append(mark.words.format(number(document[key], mark.digits)))
+    return told
 
 
 def entry(kind: type[Entry], value: object, /, **others: object) -> Entry:

@@ -9,7 +9,10 @@ from difflib import SequenceMatcher
 from typing import Any
 
 from daest.model.flat import Model
+from daest.model.holds import hold_text
 from daest.report.console import number
+from daest.report.documents.fit import FitDocument
+from daest.report.documents.parts import facts
 from daest.report.groups import component, of_component, owner
 from daest.report.page import plots
 from daest.report.page.material import Document, Material
@@ -210,6 +213,8 @@ def _estimation(fit: Document | None) -> Section:
     plot = plots.parameter_plot(fit)
     content = {
         "fit": fit,
+        "facts": facts(FitDocument, fit),
+        "hold": hold_text(fit["hold"]),
         "rows": rows,
         "names": [correlation["names"][i] for i in kept],
         "matrix": [[correlation["matrix"][i][j] for j in kept] for i in kept],

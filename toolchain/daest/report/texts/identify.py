@@ -10,6 +10,8 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from daest.report.console import as_text, heading, indented, number, percent, table
+from daest.report.documents.fit import FitDocument
+from daest.report.documents.parts import facts
 
 STRONG_CORRELATION = 0.95  # from here on a pair is listed
 
@@ -21,8 +23,7 @@ def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield indented(
         f"{document['n_samples']} samples"
         + (f" at {number(period, 6)} s" if period else ", uneven times")
-        + f", hold {document['hold']}, log-likelihood {number(document['log_likelihood'], 8)}, "
-        f"{number(document['seconds'], 3)} s"
+        + ", ".join(["", f"hold {document['hold']}", *facts(FitDocument, document)])
     )
     for note in document.get("notes", ()):
         yield indented(note)
