@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 from pathlib import Path
 
@@ -75,15 +74,6 @@ def test_library_holds_what_the_design_lists() -> None:
     files = {f.stem for f in FOLDER.rglob("*.mo")} - {"package"}
     partial = {f.stem for f in FOLDER.rglob("Interfaces/*.mo")}
     assert {e.name for e in EFFECTS} == files - partial - LEARNED_LOADS
-
-
-def test_package_orders_and_readme_are_complete() -> None:
-    readme = (library_root() / "README.md").read_text()
-    for effect in EFFECTS:
-        row = re.search(rf"^\| `Effects\.{package(effect)}` \| (.*) \|$", readme, re.M)
-        assert row is not None
-        if package(effect) != "Translational" or effect.name in MIRRORED.values():
-            assert re.search(rf"\b{effect.name}\b", row[1]), effect.name
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=label)

@@ -384,7 +384,10 @@ EXPLANATIONS: dict[str, str] = {
         "A column that was named, or that an input of the model needs, does not exist in the recording. "
         "Columns are matched with model names; other names are mapped in daest.toml under [data]."
     ),
-    "data-unknown-format": "Recordings are read from .csv, .txt, .tsv, .dat, .mat, .parquet and .xlsx files.",
+    "data-unknown-format": (
+        "Recordings are read by the ending of their files; the message names the endings that are known. "
+        "Save the recording as one of them, CSV for example."
+    ),
     "data-unreadable-file": (
         "A MATLAB or Parquet file is damaged or of a version that cannot be read. MATLAB 7.3 files are not "
         "read: save with the option -v7."

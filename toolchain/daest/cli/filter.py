@@ -35,7 +35,7 @@ from daest.cli.options import (
 from daest.cli.output import emit, keep_inputs, note, telling, write_text
 from daest.cli.progress import progress
 from daest.errors import ConfigError
-from daest.estimation.filters import FILTERS
+from daest.estimation.filters import FILTERS, usual_filter
 from daest.model.defaults import PARTICLES
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def command(
     keep_inputs(output, files.all)
     prepared = _prepared(project, model, model_options, data, data_options, settings)
     flat, experiment = prepared.flat, prepared.experiment
-    chosen = kind or ("time-varying" if flat.events is None and is_affine_model(flat) else "ekf")
+    chosen = kind or usual_filter(is_affine_model(flat), flat.events is not None)
     options = FilterOptions(
         measure=measure or None, smooth=smooth, hold=prepared.hold, n_particles=particles, seed=seed
     )

@@ -9,7 +9,7 @@ from typing import overload
 import numpy as np
 
 from daest.errors import EstimationError
-from daest.estimation.filters import FILTERS
+from daest.estimation.filters import FILTERS, usual_filter
 from daest.estimation.filters.case import AnyModel, Case, Estimates, FilterModel, linear_refused
 from daest.model.estimates import (
     FilterOptions,
@@ -77,7 +77,7 @@ def run_filter(
     if ready.flat is not None:
         ready.flat.refuse_hidden_states("filter")
     has_events = ready.flat is not None and ready.flat.events is not None
-    name = kind or ("time-varying" if ready.is_affine and not has_events else "ekf")
+    name = kind or usual_filter(ready.is_affine, has_events)
     if name not in FILTERS:
         raise EstimationError(
             "filter-kind-unknown", f"there is no filter {name}", remedy=f"there are {', '.join(FILTERS)}"

@@ -26,3 +26,8 @@ FILTERS = {
         Filter("particle", "particle"),
     )
 }
+
+
+def usual_filter(is_affine: bool, has_events: bool = False) -> str:
+    """The filter that is taken where none is named."""
+    return "time-varying" if is_affine and not has_events else "ekf"
