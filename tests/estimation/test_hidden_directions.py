@@ -8,7 +8,7 @@ import hand_models as hand
 import numpy as np
 import pytest
 
-from daest.estimation import stationary
+from daest.estimation import identifiability
 from daest.estimation.coordinates import Coordinate, Unknowns, objective, parameter_coordinate
 from daest.estimation.linear_predictors import Problem
 from daest.estimation.observer import AverageModel, observer
@@ -112,6 +112,6 @@ def test_observer_corrects_what_the_output_sees():
 def test_directions_that_are_alike_to_rounding_are_told_once(monkeypatch):
     """The lost time constant of a lag can make a subspace of which the columns depend on each other."""
     alike = np.array([[1.0, 1.0], [0.0, 0.0], [0.5, 0.5]])
-    monkeypatch.setattr(stationary, "hidden_basis", lambda *_: alike)
-    told = stationary.unseen_directions(np.zeros((3, 3)), np.eye(1, 3), 0.1, ("a", "b", "c"))
+    monkeypatch.setattr(identifiability, "hidden_basis", lambda *_: alike)
+    told = identifiability.unseen_directions(np.zeros((3, 3)), np.eye(1, 3), 0.1, ("a", "b", "c"))
     assert told == ("a common change of a and c (in the ratio 1 : 0.5)",)

@@ -1,14 +1,18 @@
-"""What the data tell about the unknowns: covariance, correlation, and the directions that stay open."""
+"""What the data tell about the unknowns: covariance, correlation, and the directions that stay open, of the
+parameters and of the states."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import qr
 
 from daest.estimation.coordinates import Coordinate
 from daest.estimation.gates import FIT
 from daest.model.fit import WeakDirection
+from daest.numerics.exponential import transition_integrals
+from daest.numerics.riccati import hidden_basis
 from daest.numerics.statistics import coloured_moment, whiteness_p_value
 
 WEIGHT_STEP = 0.25  # weights are rounded to multiples of this
@@ -218,3 +222,42 @@ def scores(residuals: np.ndarray, response: np.ndarray, slopes: np.ndarray) -> S
 def _scales(responses: np.ndarray) -> np.ndarray:
     sizes = np.linalg.norm(responses, axis=1)
     return np.where(sizes > 0.0, sizes, 1.0)
+
+
+def unseen_directions(A: np.ndarray, C: np.ndarray, period: float, names: tuple[str, ...]) -> tuple[str, ...]:
+    """What outputs C x of ẋ = A x, sampled every `period` [s], do not show and what does not die out, in
+    words. A (n, n), C (n_y, n)."""
+    if not np.all(np.isfinite(A)):
+        return ()
+    basis = hidden_basis(transition_integrals(A, period).transition, C)
+    if not basis.shape[1]:
+        return ()
+    # One state of its own for every direction keeps the others out of its text. Of a model whose rates are
+    # far apart the directions may be alike to rounding.
+    chosen = qr(basis.T, pivoting=True, mode="r")[1][: basis.shape[1]]
+    own = basis @ np.linalg.pinv(basis[chosen])
+    own = own[:, np.any(own, axis=0)]
+    return tuple(dict.fromkeys(combination_text(column, names) for column in own.T))
+
+
+def unseen_note(directions: tuple[str, ...]) -> tuple[str, ...]:
+    """One sentence on them, if there are any."""
+    if not directions:
+        return ()
+    return (
+        f"no output sees {'; or '.join(directions)}: where it starts is left open, "
+        "and nothing else depends on it",
+    )
+
+
+def combination_text(vector: np.ndarray, names: tuple[str, ...]) -> str:
+    """A direction of the state space in words, for example `a common change of phi and psi (1 : 0.5)`.
+    Shapes: vector (n_states,)."""
+    size = np.abs(vector)
+    kept = np.flatnonzero(size > FIT.named_state * np.max(size))
+    if kept.size == 1:
+        return names[kept[0]]
+    largest = vector[np.argmax(size)]
+    weights = " : ".join(f"{np.real(vector[i] / largest):.3g}" for i in kept)
+    listed = ", ".join(names[i] for i in kept[:-1]) + " and " + names[kept[-1]]
+    return f"a common change of {listed} (in the ratio {weights})"

@@ -25,6 +25,7 @@ from daest.estimation.identifiability import (
     covariance,
     output_error_covariance,
     std_errors,
+    unseen_directions,
     without_influence,
 )
 from daest.estimation.linear_predictors import Predicted, Problem, all_scores, simulate
@@ -42,7 +43,6 @@ from daest.estimation.result import (
 )
 from daest.estimation.search import Evaluation, Found, minimise
 from daest.estimation.setup import Setup, check_start
-from daest.estimation.stationary import unseen_directions
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, Bound, FittedNoise
 from daest.model.holds import FOH, SMOOTH, Hold

@@ -15,6 +15,7 @@ from daest.estimation.identifiability import (
     output_error_covariance,
     scores,
     std_errors,
+    unseen_directions,
     without_influence,
 )
 from daest.estimation.noise_levels import Ending, average_along
@@ -33,7 +34,6 @@ from daest.estimation.result import (
 from daest.estimation.search import Found
 from daest.estimation.setup import Setup
 from daest.estimation.shooting import whole_errors
-from daest.estimation.stationary import unseen_directions
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FittedNoise

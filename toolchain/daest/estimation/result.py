@@ -11,11 +11,10 @@ import numpy as np
 
 from daest.estimation.coordinates import Coordinate, Unknowns, log_likelihood
 from daest.estimation.gates import FIT
-from daest.estimation.identifiability import ROUNDING, Scores, correlation, weak_directions
+from daest.estimation.identifiability import ROUNDING, Scores, correlation, unseen_note, weak_directions
 from daest.estimation.profile import Searched, Tell, with_interval_check, with_profiles
 from daest.estimation.search import Found
 from daest.estimation.setup import Setup
-from daest.estimation.stationary import unseen_note
 from daest.model.experiment import Experiment
 from daest.model.fit import (
     Agreement,

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import qr
 
 from daest.errors import EstimationError
-from daest.estimation.gates import FIT
+from daest.estimation.identifiability import combination_text
 from daest.model.linear import DiscreteModel
-from daest.numerics.exponential import balanced, transition_integrals
+from daest.numerics.exponential import balanced
 from daest.numerics.gaussian import FREE_TOLERANCE
 from daest.numerics.riccati import (
     UNDAMPED_MARGIN,
@@ -88,45 +87,6 @@ def without_unseen(model: DiscreteModel, present: np.ndarray) -> tuple[DiscreteM
     rounding = np.abs(scaled) < FREE_TOLERANCE * np.max(np.abs(scaled), axis=0, initial=0.0)
     still = replace(model, transition=forgetting(model.transition, output))
     return still, np.where(rounding, 0.0, basis)
-
-
-def unseen_directions(A: np.ndarray, C: np.ndarray, period: float, names: tuple[str, ...]) -> tuple[str, ...]:
-    """What outputs C x of ẋ = A x, sampled every `period` [s], do not show and what does not die out, in
-    words. A (n, n), C (n_y, n)."""
-    if not np.all(np.isfinite(A)):
-        return ()
-    basis = hidden_basis(transition_integrals(A, period).transition, C)
-    if not basis.shape[1]:
-        return ()
-    # One state of its own for every direction keeps the others out of its text. Of a model whose rates are
-    # far apart the directions may be alike to rounding.
-    chosen = qr(basis.T, pivoting=True, mode="r")[1][: basis.shape[1]]
-    own = basis @ np.linalg.pinv(basis[chosen])
-    own = own[:, np.any(own, axis=0)]
-    return tuple(dict.fromkeys(combination_text(column, names) for column in own.T))
-
-
-def unseen_note(directions: tuple[str, ...]) -> tuple[str, ...]:
-    """One sentence on them, if there are any."""
-    if not directions:
-        return ()
-    return (
-        f"no output sees {'; or '.join(directions)}: where it starts is left open, "
-        "and nothing else depends on it",
-    )
-
-
-def combination_text(vector: np.ndarray, names: tuple[str, ...]) -> str:
-    """A direction of the state space in words, for example `a common change of phi and psi (1 : 0.5)`.
-    Shapes: vector (n_states,)."""
-    size = np.abs(vector)
-    kept = np.flatnonzero(size > FIT.named_state * np.max(size))
-    if kept.size == 1:
-        return names[kept[0]]
-    largest = vector[np.argmax(size)]
-    weights = " : ".join(f"{np.real(vector[i] / largest):.3g}" for i in kept)
-    listed = ", ".join(names[i] for i in kept[:-1]) + " and " + names[kept[-1]]
-    return f"a common change of {listed} (in the ratio {weights})"
 
 
 def _no_solution(model: DiscreteModel, names: tuple[str, ...]) -> EstimationError:

@@ -12,22 +12,19 @@ from daest.model.flat import FlatModel
 from daest.modelica import failures
 from daest.modelica import syntax as s
 from daest.modelica.assemble import assemble
-from daest.modelica.body_redeclarations import with_redeclared_components
 from daest.modelica.bus_members import expandable_connectors
 from daest.modelica.change import declare, with_values
 from daest.modelica.compiler import Job, compile_source, modification, with_room
 from daest.modelica.components import Classes
 from daest.modelica.constraining import (
+    with_bases,
     with_common_bases,
     with_constrained_redeclarations,
     with_constraining_modifications,
 )
-from daest.modelica.default_packages import with_default_packages
 from daest.modelica.dialect import Names, adapted, with_named_classes, without_broken, without_quotes
 from daest.modelica.excerpt import adapted_text, excerpt, may_extend
-from daest.modelica.fitting import with_bases
 from daest.modelica.inner_values import with_inner_values
-from daest.modelica.last_elements import with_last_elements
 from daest.modelica.library import (
     Roots,
     chosen_libraries,
@@ -37,13 +34,16 @@ from daest.modelica.library import (
     readable_roots,
 )
 from daest.modelica.modifications import check_modifications
-from daest.modelica.nested_modifications import with_taken_modifications
-from daest.modelica.nested_redeclarations import with_redeclared_parts
+from daest.modelica.nested_modifications import with_record_values, with_taken_modifications
 from daest.modelica.outer_variables import without_outer_variables
 from daest.modelica.outline import class_heads, tokens
-from daest.modelica.package_constants import with_integer_constants
 from daest.modelica.parameters import is_parameter
-from daest.modelica.record_values import with_record_values
+from daest.modelica.redeclarations import (
+    with_default_packages,
+    with_redeclared_components,
+    with_redeclared_parts,
+)
+from daest.modelica.sizes import with_integer_constants, with_last_elements
 from daest.modelica.source import read_source, select_class
 from daest.modelica.table_files import Folders
 

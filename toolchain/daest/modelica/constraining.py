@@ -1,13 +1,18 @@
-"""Modifications of constraining classes: `replaceable Linear law constrainedby Law(d = 0.4)`.
+"""Constraining classes: `replaceable Linear law constrainedby Law(d = 0.4)`.
 
-They belong to the class that is declared, and to any other in its place (Language Specification 7.3.2). The
-compiler gives them to a component that is redeclared, but neither to the one that is declared, nor to
-classes, `replaceable model Law = …`: there they are written once more.
+Their modifications belong to the class that is declared, and to any other in its place (Language
+Specification 7.3.2). The compiler gives them to a component that is redeclared, but neither to the one that
+is declared, nor to classes, `replaceable model Law = …`: there they are written once more.
+
+A redeclared class may have all that the constraining class asks for and not extend it: Modelica asks for a
+subtype (6.4), the compiler for a base class. Equal declarations may be inherited several times, so that such
+a class extends the constraining one as well, `model M extends .Interface; …`. No line moves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from daest.errors import ModelError
@@ -32,6 +37,7 @@ from daest.modelica.outline import (
 )
 
 _WORDS = ("true", "false")
+_BEHIND = re.compile(rb'[A-Za-z_]\w*(?:\s*"(?:[^"\\]|\\.)*")?')
 
 
 def with_constraining_modifications(text: bytes) -> bytes:
@@ -210,3 +216,30 @@ def names_variable(value: str) -> bool:
         and "." not in [w.text for w in words[max(0, i - 1) : i + 2]]
         for i, word in enumerate(words)
     )
+
+
+def fits(classes: Classes, name: str, wanted: str) -> bool:
+    """Whether class `name` has a component for each one of class `wanted`, which is known."""
+    return classes.get(wanted) is not None and all(
+        classes.component(one, name) is not None for one in _components(classes, wanted)
+    )
+
+
+def _components(classes: Classes, name: str, steps: int = 0) -> set[str]:
+    """The names of the components that a class declares or inherits."""
+    found = classes.get(name)
+    if found is None or steps > MOST_BASES:
+        return set()
+    bases = (classes.resolved(base, name.rpartition(".")[0]) for base in found.bases)
+    return set(found.components).union(*(_components(classes, one, steps + 1) for one in bases if one))
+
+
+def with_bases(text: bytes, bases: Mapping[str, str]) -> bytes:
+    """The text in which each class of it that `bases` names extends another class, by full names."""
+    edits = []
+    heads = class_heads(text) if bases else ()
+    for head in (head for head in heads if head.name in bases and not head.is_short):
+        behind = _BEHIND.match(text, head.start)
+        assert behind is not None
+        edits.append(Edit(behind.end(), behind.end(), f" extends .{bases[head.name]};"))
+    return edited(text, edits)

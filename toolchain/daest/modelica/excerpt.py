@@ -21,14 +21,12 @@ from daest.cache import cache_folder, keep_content, kept_content
 from daest.modelica.bus_members import bus_members, with_members
 from daest.modelica.complex_text import COMPLEX, with_parts
 from daest.modelica.components import Classes
-from daest.modelica.constraining import with_constraining_modifications
+from daest.modelica.constraining import fits, with_bases, with_constraining_modifications
 from daest.modelica.dialect import OPERATOR_FILES, adapted, external_objects, with_constructors
-from daest.modelica.fitting import fits, with_bases
-from daest.modelica.last_elements import with_last_elements
 from daest.modelica.library import BYTE_ORDER_MARK, Roots, kept_folder, library_name, stamp, write_file
-from daest.modelica.nested_modifications import with_taken_modifications
+from daest.modelica.nested_modifications import with_record_values, with_taken_modifications
 from daest.modelica.outline import NO_CODE, class_heads
-from daest.modelica.record_values import with_record_values
+from daest.modelica.sizes import with_last_elements
 
 _VERSION = "32"  # of what is kept; another one throws away what is there
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")

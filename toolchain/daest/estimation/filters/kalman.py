@@ -17,11 +17,12 @@ from daest.errors import EstimationError
 from daest.estimation.filter_cost import LARGE, check_memory, filter_cost
 from daest.estimation.filters.case import Case, Estimates
 from daest.estimation.gates import FIT
+from daest.estimation.identifiability import combination_text
 from daest.estimation.kalman import kalman_filter, steady_sample, unobservable_states
 from daest.estimation.large_filter import LargeResult, can_stream, large_filter
 from daest.estimation.modes import has_equal_steps, models_by_interval
 from daest.estimation.smoother import smooth as smooth_record
-from daest.estimation.stationary import combination_text, stationary_filter, without_unseen
+from daest.estimation.stationary import stationary_filter, without_unseen
 from daest.model.estimates import InitialState, KalmanResult
 from daest.model.experiment import Experiment
 from daest.model.holds import Hold

@@ -1,31 +1,47 @@
-"""Redeclarations inside of the modification of a part: `Car car(motor(redeclare model Friction = Dry))`.
+"""Redeclarations in the forms that the compiler takes.
 
-The compiler passes over them, without a word. It takes the redeclaration of a component by a class that says
-the same, `Car car(redeclare Part__0 motor)`, where `motor` is replaceable; so that is what it is given, with
-`model Part__0 extends Motor(redeclare model Friction = Dry)` behind the end of the text.
+- `redeclare Dry friction(c = 2);` among the declarations of a class: written in its extends clause, since the
+  compiler takes no other variable of the base class then that is bound to one of the component.
+- Replaceable classes that a component leaves as they are. Where one component redeclares its package, the
+  compiler gives that one to the other components of the class, too; and a class that is redeclared in an
+  extends clause it gives to the components inside of the heir. So they redeclare the default, by another
+  name: the same name changes nothing for the compiler.
+- Redeclarations inside of the modification of a part, `Car car(motor(redeclare model Friction = Dry))`, which
+  the compiler passes over without a word. It takes the redeclaration of a component by a class that says the
+  same, `Car car(redeclare Part__0 motor)`, where `motor` is replaceable; so that is what it is given, with
+  `model Part__0 extends Motor(redeclare model Friction = Dry)` behind the end of the text.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from daest.errors import ModelError
-from daest.modelica.components import Classes, ClassText, Declared, statements
+from daest.modelica.components import MOST_BASES, Classes, ClassText, Declared, statements
 from daest.modelica.constraining import names_variable, values_of
 from daest.modelica.modification_trees import Change, change, changes, written
 from daest.modelica.modifications import check_class_modification, names_of, redeclared_name
-from daest.modelica.nested_modifications import Modification, class_around, modifications, overwritten
+from daest.modelica.nested_modifications import (
+    Modification,
+    bases_of,
+    class_around,
+    modifications,
+    overwritten,
+)
 from daest.modelica.outline import (
     KINDS,
     Edit,
+    Token,
     arguments,
     class_heads,
     depths,
     edited,
     inserted,
+    laid_over,
+    name_end,
     place_of,
     tokens,
 )
@@ -36,6 +52,135 @@ _KIND = rf"(?:{'|'.join(KINDS)})"
 _CLASS = re.compile(rf"(redeclare {_PREFIXES}{_KIND} \w+ = )(\w+(?: \. \w+)*)()$")
 _COMPONENT = re.compile(rf"(redeclare {_PREFIXES})(?!{_KIND} )(\w+(?: \. \w+)*)( \w+.*)$")
 _IN_FRONT = ("final", "inner", "outer")  # of `replaceable`
+_PACKAGE = re.compile(rb"\bredeclare\s+(?:(?:final|each|replaceable)\s+)*package\s+([A-Za-z_]\w*)\s*=")
+_ALIAS = "Default__{}"
+
+
+def with_redeclared_components(text: bytes, classes: Classes) -> bytes:
+    """The text with the redeclared components of its classes in their extends clauses. Lines keep their
+    numbers, and all else its column."""
+    if b"redeclare" not in text:
+        return text
+    found = (classes.get(head.name) for head in class_heads(text) if not head.is_short)
+    return edited(text, [edit for one in found if one is not None for edit in _moved(one, classes, text)])
+
+
+def _moved(around: ClassText, classes: Classes, text: bytes) -> Iterator[Edit]:
+    moved: dict[int, list[str]] = {}
+    words = around.words
+    for line in statements(words):
+        if not line or line[0].text != "redeclare" or set(_texts(line[1:4])) & set(KINDS):
+            continue
+        end = next(
+            (i for i, word in enumerate(line) if word.kind == "text" or word.text == "annotation"), len(line)
+        )
+        at = _base(line[:end], around, classes)
+        if at is not None:
+            moved.setdefault(at, []).append(" ".join(_texts(line[:end])))
+            start, behind = line[0].start, words[words.index(line[-1]) + 1].end
+            yield Edit(start, behind, laid_over(text[start:behind]).decode())
+    for at, said in moved.items():
+        name = name_end(words, at + 1)
+        if words[name].text == "(":
+            yield Edit(words[name].end, words[name].end, inserted(", ".join(said) + ", "))
+        else:
+            yield Edit(words[name - 1].end, words[name - 1].end, inserted(f"({', '.join(said)})"))
+
+
+def _texts(words: Sequence[Token]) -> list[str]:
+    return [word.text for word in words]
+
+
+def _base(line: Sequence[Token], around: ClassText, classes: Classes) -> int | None:
+    """Where among the words of a class the extends clause stands whose base has the component that a line
+    redeclares."""
+    outside = line[: next((i for i, word in enumerate(line) if word.text in ("(", "[", "=")), len(line))]
+    for i, word in enumerate(around.words):
+        if word.text == "extends":
+            base = "".join(_texts(around.words[i + 1 : name_end(around.words, i + 1)]))
+            scope = around.name.rpartition(".")[0]
+            full = classes.resolved(base, scope) or classes.resolved(base, around.name)
+            if full is not None and classes.component(outside[-1].text, full) is not None:
+                return i
+    return None
+
+
+def with_default_packages(text: bytes, classes: Classes) -> bytes:
+    """The text with a redeclaration of each default that something else redeclares. Lines keep their numbers,
+    and all else its column."""
+    if b"redeclare" not in text:
+        return text
+    found = [classes.get(head.name) for head in class_heads(text)]
+    every = [one for one in found if one is not None]
+    wanted = {f"package {name.decode()}" for name in _PACKAGE.findall(text)}
+    wanted |= {name for one in every for name in _redeclared_by(one)}
+    aliases: dict[str, str] = {}  # kinds and full names -> what is redeclared
+    components = [one for around in every for one in around.components.values() if wanted]
+    edits = [edit for one in components for edit in _with_defaults(one, wanted, classes, aliases)]
+    appended = " ".join(f"{kind.split()[0]} {alias} = {kind.split()[1]};" for kind, alias in aliases.items())
+    return edited(text, edits) + (f"\n{appended}\n".encode() if appended else b"")
+
+
+def _redeclared_by(around: ClassText) -> set[str]:
+    """Kinds and names of the classes that a class redeclares of those that it inherits."""
+    every = [one for _, words in bases_of(around) if words for one in arguments(words, 0)]
+    every += [] if around.alias else statements(around.words)
+    return {_redeclared_class(one) for one in every if one and one[0].text == "redeclare"} - {""}
+
+
+def _with_defaults(
+    one: Declared, wanted: set[str], classes: Classes, aliases: dict[str, str]
+) -> Iterator[Edit]:
+    """What is added to the modification of a component."""
+    full = classes.resolved(one.type_name, one.scope)
+    around = None if full is None else classes.get(full)
+    defaults = {} if around is None else _defaults(around, classes)
+    own = set(map(_redeclared_class, arguments(one.modification, 0))) if one.modification else set()
+    missing = [
+        f"redeclare {name} = {aliases.setdefault(f'{name.split()[0]} {of}', _ALIAS.format(len(aliases)))}"
+        for name, of in defaults.items()
+        if of and name in wanted - own
+    ]
+    if missing and one.modification:
+        comma = ", " if len(one.modification) > 2 else ""
+        at = one.modification[0].end
+        yield Edit(at, at, inserted(", ".join(missing) + comma))
+    elif missing:
+        yield Edit(one.behind, one.behind, inserted(f"({', '.join(missing)})"))
+
+
+def _redeclared_class(words: Sequence[Token]) -> str:
+    """Kind and name of the class that an argument of a modification redeclares; empty for any other."""
+    at = next((i for i, word in enumerate(words) if word.text in KINDS), len(words))
+    return f"{words[at].text} {words[at + 1].text}" if at + 1 < len(words) else ""
+
+
+def _defaults(around: ClassText, classes: Classes, steps: int = 0) -> dict[str, str]:
+    """The replaceable classes of a class, with their kinds, and the full names of what they are; empty where
+    that is modified."""
+    found: dict[str, str] = {}
+    for base, words in bases_of(around) if steps < MOST_BASES else ():
+        full = classes.base(base, around.name)
+        below = None if full is None or full == around.name else classes.get(full)
+        found |= {} if below is None else _defaults(below, classes, steps + 1)
+        for one in arguments(words, 0) if words else ():
+            found |= _named_class(one, "redeclare", around, classes)
+    for line in statements(around.words):
+        found |= _named_class(line, "replaceable", around, classes) | _named_class(
+            line, "redeclare", around, classes
+        )
+    return found
+
+
+def _named_class(words: Sequence[Token], first: str, around: ClassText, classes: Classes) -> dict[str, str]:
+    """What `redeclare model F = A` or the like says: the kind and the name, and the full name."""
+    at = next((i for i, word in enumerate(words) if word.text in KINDS), len(words))
+    if not words or words[0].text != first or at + 3 >= len(words) or words[at + 2].text != "=":
+        return {}
+    end = name_end(words, at + 3)
+    full = classes.resolved("".join(word.text for word in words[at + 3 : end]), around.name)
+    is_modified = end < len(words) and words[end].text == "("
+    return {f"{words[at].text} {words[at + 1].text}": "" if full is None or is_modified else full}
 
 
 def with_redeclared_parts(text: bytes, path: Path, classes: Classes) -> bytes:
