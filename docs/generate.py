@@ -25,7 +25,7 @@ from mkdocs.structure.pages import Page
 import daest
 from daest.cli.main import COMMANDS, cli
 from daest.cli.schema import schema_names, schema_of
-from daest.data import prepare
+from daest.data.limits import DATA
 from daest.data.project import KEYS
 from daest.diagnosis import formulas, unseen
 from daest.diagnosis.gates import GATES
@@ -253,9 +253,13 @@ def filled(markdown: str) -> str:
         wrong=wrong,
         gates=GATES,
         formulas=formulas,
-        thresholds=(("fit", FIT, "estimation/gates.txt"), ("solver", SOLVER, "systems/tolerances.txt")),
+        thresholds=(
+            ("fit", FIT, "estimation/gates.txt"),
+            ("solver", SOLVER, "systems/tolerances.txt"),
+            ("data", DATA, "data/limits.txt"),
+        ),
         unseen=unseen,
-        prepare=prepare,
+        data=DATA,
         percent=percent,
     )
 

@@ -1,4 +1,4 @@
-"""The thresholds of diagnosis, fit and solvers: each is told whole, each is used, and none changes."""
+"""The thresholds of diagnosis, fit, solvers and data: each is told whole, each is used, and none changes."""
 
 import re
 from dataclasses import FrozenInstanceError
@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import daest.diagnosis
+from daest.data.limits import DATA
 from daest.diagnosis.gates import GATES
 from daest.estimation.gates import FIT
 from daest.model.thresholds import STUDIES, read_thresholds
@@ -16,7 +17,7 @@ ROOMS = Path(daest.__file__).parent
 ROOT = Path(__file__).resolve().parents[2]
 
 
-SETS = {"GATES": GATES, "FIT": FIT, "SOLVER": SOLVER}
+SETS = {"GATES": GATES, "FIT": FIT, "SOLVER": SOLVER, "DATA": DATA}
 
 
 @pytest.mark.parametrize("gates", SETS.values(), ids=SETS)

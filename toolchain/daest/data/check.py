@@ -12,17 +12,13 @@ from typing import Any
 import numpy as np
 
 from daest.data.faults import Samples, Series, absurd, clock_findings, column_findings, pair_findings
-from daest.data.prepare import GRID_TOLERANCE
+from daest.data.limits import DATA
 from daest.data.read import find_time
 from daest.data.table import Table, column_unit, in_seconds, unit_findings
 from daest.errors import DaestError
 from daest.model.experiment import ColumnSummary, DataCheck, Experiment, Finding, Role
 from daest.model.flat import FlatModel, Model
 
-# Samples below which no fault can be told from the signal, and hardly two parameters be estimated.
-FEW_SAMPLES = 20
-# Turns from which on the errors of a speed that add up in an angle are larger than what else it tells.
-MANY_TURNS = 100.0
 ANGLES = {"rad": 2.0 * np.pi, "deg": 360.0, "°": 360.0, "rev": 1.0}  # units of one turn
 
 
@@ -85,7 +81,7 @@ def _checked(name: str, time: np.ndarray, columns: Sequence[_Column], found: lis
 
 
 def _few(time: np.ndarray) -> list[Finding]:
-    if time.size >= FEW_SAMPLES:
+    if time.size >= DATA.told_samples:
         return []
     text = (
         f"has {time.size} samples: too few to tell faults from the signal, or to estimate more than one or "
@@ -100,7 +96,7 @@ def _turned(column: _Column) -> list[Finding]:
         return []
     known = column.values[np.isfinite(column.values) & ~absurd(column.values)]
     turns = float(np.ptp(known)) / ANGLES[column.unit] if known.size else 0.0
-    if turns < MANY_TURNS:
+    if turns < DATA.many_turns:
         return []
     text = (
         f"has turned {turns:.0f} times: errors of the speed add up in it, and a simulation drifts away; "
@@ -125,7 +121,7 @@ def _period(time: np.ndarray) -> float | None:
     if not steps.size or not np.all(steps > 0):
         return None
     step = float((time[-1] - time[0]) / steps.size)
-    return float(f"{step:.9g}") if float(np.max(np.abs(steps - step))) < GRID_TOLERANCE * step else None
+    return float(f"{step:.9g}") if float(np.max(np.abs(steps - step))) < DATA.grid * step else None
 
 
 def _pairs(time: np.ndarray, columns: Sequence[_Column]) -> list[Finding]:
@@ -146,10 +142,6 @@ def _pairs(time: np.ndarray, columns: Sequence[_Column]) -> list[Finding]:
     return pair_findings(series, period)
 
 
-# Every unknown parameter is moved by this factor, up and down, because beyond a resonance that stands
-# elsewhere a healthy output moves against the model's, too.
-FACTOR = 3.0
-AGAINST = -0.5  # correlation of measured and simulated output, at all parameter values
 MOST_PARAMETERS = 8
 LONGEST = 20_000  # samples of the recording that are simulated
 
@@ -166,7 +158,7 @@ def polarity_findings(flat: Model, experiment: Experiment) -> list[Finding]:
         driven = _driven(flat)
         for theta in _variants(flat):
             row = np.array(_correlations(driven, part, theta))
-            is_against &= row < AGAINST  # not where it is NaN
+            is_against &= row < -DATA.upside_down  # not where it is NaN
             if not np.any(is_against):
                 return []  # whatever the other parameter values give
             correlations = np.vstack([correlations, row])
@@ -177,7 +169,9 @@ def polarity_findings(flat: Model, experiment: Experiment) -> list[Finding]:
     if len(against) == measured and len(against) > 1 and len(part.input_names) == 1:
         text = f"drives all {measured} outputs the other way than the model: probably its polarity"
         return [Finding("check-polarity", "warning", part.input_names[0], text)]
-    text = f"moves against the model, with its parameters up to {FACTOR:g} times larger or smaller"
+    text = (
+        f"moves against the model, with its parameters up to {DATA.moved_parameter:g} times larger or smaller"
+    )
     return [Finding("check-polarity", "warning", name, text) for name in against]
 
 
@@ -198,7 +192,7 @@ def _variants(flat: Model) -> Iterator[np.ndarray]:
     yield theta
     unknown = [i for i, p in enumerate(flat.parameters) if p.estimate][:MOST_PARAMETERS]
     for i in unknown:
-        for factor in (FACTOR, 1.0 / FACTOR):
+        for factor in (DATA.moved_parameter, 1.0 / DATA.moved_parameter):
             changed = theta.copy()
             changed[i] *= factor
             yield changed

@@ -17,49 +17,12 @@ from itertools import combinations
 
 import numpy as np
 
+from daest.data.limits import DATA
 from daest.model.experiment import Finding, Level, Role
 from daest.quantities import converts
 
-FEWEST = 50  # values below which nothing is said but that a column is constant
-LEVELS = 10  # a signal of no more different values is a switch, not a measurement
-# White noise shows if third differences change sign in this share (white noise: 0.77; a sine with n samples a
-# period: 2 / n) and the noise is this many steps of the resolution (rounding: 0.3).
-SIGN_CHANGES = 0.6
-NOISE_STEPS = 1.5
-DIGITS = 5e-5  # noise below this share of large values is that of written digits, or of a fine converter
-# A sensor with visible noise is stuck if this many neighbours agree where elsewhere no more than this share
-# of them do; without, if its value also jumps at the end by this many of the largest other steps.
-STUCK = 20
-STUCK_EQUAL = 0.1
-STUCK_JUMP = 5.0
-# Saturation: share of all values at the limit, how many times more than at the next levels on average, and
-# the slope before and after in units of the median step.
-AT_LIMIT = 0.002
-PILE = 5.0
-NEXT_LEVELS = 5
-EDGE = 0.3
-# A spike of one or two samples, in units of the spread (1.4826 MAD) of what a median filter takes away; of
-# what only RARE of the samples exceed, or of the resolution; and of the largest step among its neighbours.
-SPIKE = 10.0
-SPIKE_BEYOND = 4.0
-SPIKE_STEPS = 3.0
-RARE = 0.005
-NEIGHBOURS = 12  # samples on either side
-NEIGHBOURS_AGREE = 0.3
-LONGEST_DROP = 20  # samples
-# Steps of the resolution in the range, below which a measurement is coarse, and the share of single steps
-# among its changes that make it so.
-COARSE = 64
-SINGLE_STEPS = 0.8
-LATTICE = 0.02  # largest deviation of a distance from a multiple of the smallest one
-MANY_MISSING = 0.2
-
-
-# A value is absurd beyond this many times the middle 90 % of the others (a pulse on a quiet signal is a
-# thousand times its noise), and where these are all zero beyond what any unit makes of a physical quantity.
-FAR = 1e6
-BEYOND = 1e30
-FEWEST_ABSURD = 5
+NEXT_LEVELS = 5  # beside a limit, that it is compared with
+NEIGHBOURS = 12  # samples on either side of a spike
 
 
 @dataclass(frozen=True)
@@ -102,8 +65,8 @@ class Samples:
         sizes = np.abs(rest)
         usual = 1.4826 * float(np.median(sizes))
         # Not between two values: among few samples the next one may be the spike.
-        rare = max(float(np.quantile(sizes, 1 - RARE, method="lower")), self.resolution or 0.0)
-        return rest, max(SPIKE * usual, SPIKE_BEYOND * rare)
+        rare = max(float(np.quantile(sizes, 1 - DATA.rare, method="lower")), self.resolution or 0.0)
+        return rest, max(DATA.spike * usual, DATA.spike_beyond * rare)
 
     @cached_property
     def resolution(self) -> float | None:
@@ -114,23 +77,25 @@ class Samples:
         smallest = float(np.quantile(gaps, 0.05))
         ratio = gaps / smallest
         off = np.abs(ratio - np.round(ratio))
-        return smallest if float(np.max(off / np.maximum(ratio, 1.0))) < LATTICE else None
+        return smallest if float(np.max(off / np.maximum(ratio, 1.0))) < DATA.lattice else None
 
     @cached_property
     def noise(self) -> float | None:
         """Standard deviation of white noise on the signal; None where none shows, or times are uneven."""
-        if unevenness(self.time) > JITTER:
+        if unevenness(self.time) > DATA.uneven_clock:
             return None
         moving = self.values[np.append(True, np.diff(self.values) != 0)]
         third = np.diff(moving, 3)
-        if third.size < FEWEST:
+        if third.size < DATA.told_values:
             return None
         changes = float(np.mean(third[1:] * third[:-1] < 0))
         # The third difference of white noise has 20 times its variance.
         size = 1.4826 * float(np.median(np.abs(third))) / np.sqrt(20.0)
         step = self.resolution or 0.0
-        least = max(NOISE_STEPS * step, DIGITS * float(np.quantile(np.abs(self.values), 0.99)))
-        return size if changes > SIGN_CHANGES and size > least else None
+        least = max(
+            DATA.noise_steps * step, DATA.written_digits * float(np.quantile(np.abs(self.values), 0.99))
+        )
+        return size if changes > DATA.white_changes and size > least else None
 
 
 def column_findings(samples: Samples, n_missing: int) -> list[Finding]:
@@ -145,7 +110,7 @@ def column_findings(samples: Samples, n_missing: int) -> list[Finding]:
         level: Level = "warning" if samples.role == "output" else "note"
         text = f"is constant at {samples.values[0]:.6g}"
         return [*found, Finding("check-constant", level, samples.name, text)]
-    if samples.values.size < FEWEST or n_levels <= LEVELS:
+    if samples.values.size < DATA.told_values or n_levels <= DATA.switch_levels:
         return found
     if samples.role == "input":
         return found + _saturation(samples)
@@ -158,13 +123,13 @@ def column_findings(samples: Samples, n_missing: int) -> list[Finding]:
 def absurd(values: np.ndarray) -> np.ndarray:
     """Which of the values (n,) no signal of their kind takes: single ones beyond all others by orders of
     magnitude. Commands and pulses stay within these."""
-    if values.size < FEWEST_ABSURD:
+    if values.size < DATA.absurd_values:
         return np.zeros(values.size, dtype=bool)
     low, middle, high = np.quantile(values, (0.05, 0.5, 0.95), method="nearest")
     scale = max(high / 2 - low / 2, abs(middle))
-    limit = FAR * scale if 0.0 < scale < BEYOND / FAR else BEYOND
+    limit = DATA.absurd * scale if 0.0 < scale < DATA.absurd_unit / DATA.absurd else DATA.absurd_unit
     found = np.abs(values / 2 - middle / 2) > limit / 2
-    return found if np.count_nonzero(found) <= max(RARE * values.size, 1) else np.zeros_like(found)
+    return found if np.count_nonzero(found) <= max(DATA.rare * values.size, 1) else np.zeros_like(found)
 
 
 def _absurd_finding(samples: Samples, found: np.ndarray) -> Finding:
@@ -180,7 +145,7 @@ def _missing(samples: Samples, n_missing: int) -> list[Finding]:
     if not n_missing:
         return []
     share = n_missing / (n_missing + samples.values.size)
-    level: Level = "warning" if share > MANY_MISSING or samples.role == "input" else "note"
+    level: Level = "warning" if share > DATA.many_missing or samples.role == "input" else "note"
     text = f"lacks {n_missing} value(s), {100 * share:.2g} %"
     return [Finding("check-missing", level, samples.name, text, count=n_missing)]
 
@@ -188,23 +153,31 @@ def _missing(samples: Samples, n_missing: int) -> list[Finding]:
 def suspected_limits(samples: Samples, pile: float) -> list[Finding]:
     """The limits of a measurement as `column_findings` finds them, but from `pile` times more samples than at
     the next levels on."""
-    if samples.values.size < FEWEST or samples.levels[0].size <= LEVELS or _drops(samples):
+    if (
+        samples.values.size < DATA.told_values
+        or samples.levels[0].size <= DATA.switch_levels
+        or _drops(samples)
+    ):
         return []
     return _saturation(samples, pile)
 
 
-def _saturation(samples: Samples, pile: float = PILE) -> list[Finding]:
+def _saturation(samples: Samples, pile: float = DATA.limit_pile) -> list[Finding]:
     values, (levels, counts) = samples.values, samples.levels
     found = []
     for at_end, name in ((-1, "upper"), (0, "lower")):
         limit, count = levels[at_end], counts[at_end]
         others = (counts[-1 - NEXT_LEVELS : -1] if at_end else counts[1 : 1 + NEXT_LEVELS]).mean()
         # Zero is where many signals rest: a flow, the sun, a duty cycle.
-        if limit == 0 or count < max(LEVELS, AT_LIMIT * values.size) or count < pile * others:
+        if (
+            limit == 0
+            or count < max(DATA.switch_levels, DATA.at_limit * values.size)
+            or count < pile * others
+        ):
             continue
         starts, lengths = samples.runs
         at_limit = (values[starts] == limit) & (lengths >= 2)
-        if at_limit.sum() < 2 or _edge(samples, starts[at_limit], lengths[at_limit]) < EDGE:
+        if at_limit.sum() < 2 or _edge(samples, starts[at_limit], lengths[at_limit]) < DATA.limit_edge:
             continue
         share = 100 * count / values.size
         text = (
@@ -232,10 +205,10 @@ def _edge(samples: Samples, starts: np.ndarray, lengths: np.ndarray) -> float:
 def _stuck(samples: Samples) -> list[Finding]:
     starts, lengths = samples.runs
     values = samples.values
-    suspects = np.nonzero(lengths >= STUCK)[0]
+    suspects = np.nonzero(lengths >= DATA.stuck_run)[0]
     if samples.noise is not None:
         equal = (values.size - starts.size - int((lengths[suspects] - 1).sum())) / values.size
-        stuck = suspects if equal < STUCK_EQUAL else suspects[:0]
+        stuck = suspects if equal < DATA.stuck_elsewhere else suspects[:0]
         # A machine comes to rest at zero in small steps, a dead sensor in a large one.
         at_rest = (values[starts[stuck]] == 0) & ~_jumped(samples, starts[stuck], lengths[stuck])
         stuck = stuck[~at_rest]
@@ -244,7 +217,7 @@ def _stuck(samples: Samples) -> list[Finding]:
         inside = suspects[ends[suspects] < values.size]
         jumps = np.abs(values[ends[inside]] - values[starts[inside]])
         largest = np.sort(samples.steps)[: -max(1, inside.size)].max(initial=np.inf)
-        stuck = inside[(jumps > STUCK_JUMP * largest) & (values[starts[inside]] != 0)]
+        stuck = inside[(jumps > DATA.stuck_jump * largest) & (values[starts[inside]] != 0)]
     if not stuck.size:
         return []
     longest = stuck[np.argmax(lengths[stuck])]
@@ -260,7 +233,7 @@ def _stuck(samples: Samples) -> list[Finding]:
 def _jumped(samples: Samples, starts: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     """Whether the steps into and out of the runs are both large among those of the signal."""
     sizes = np.abs(np.diff(samples.values, prepend=samples.values[0], append=samples.values[-1]))
-    large = STUCK_JUMP * samples.large_step
+    large = DATA.stuck_jump * samples.large_step
     return (sizes[starts] > large) & (sizes[starts + lengths] > large)
 
 
@@ -271,9 +244,11 @@ def _outliers(samples: Samples) -> list[Finding]:
     spikes = spikes[(spikes >= 2) & (spikes < values.size - 2)]
     # The values on both sides must agree: an edge is no spike.
     apart = np.abs(values[spikes + 2] - values[spikes - 2])
-    spikes = spikes[apart < NEIGHBOURS_AGREE * np.abs(rest[spikes])]
-    spikes = np.array([i for i in spikes if abs(rest[i]) > SPIKE_STEPS * _steps_around(values, i)], dtype=int)
-    if not spikes.size or spikes.size > max(RARE * values.size, 1):
+    spikes = spikes[apart < DATA.neighbours_agree * np.abs(rest[spikes])]
+    spikes = np.array(
+        [i for i in spikes if abs(rest[i]) > DATA.spike_steps * _steps_around(values, i)], dtype=int
+    )
+    if not spikes.size or spikes.size > max(DATA.rare * values.size, 1):
         return []
     worst = spikes[np.argmax(np.abs(rest[spikes]))]
     text = f"has {spikes.size} outlier(s), the largest {values[worst]:.6g} at {samples.time[worst]:.6g} s"
@@ -294,11 +269,11 @@ def _drops(samples: Samples) -> list[Finding]:
     levels = samples.values[starts]
     edges = np.abs(np.diff(levels))
     depth = np.minimum(edges[:-1], edges[1:])
-    deep = depth > max(samples.spikes[1], SPIKE_BEYOND * samples.large_step)
-    inner = 1 + np.flatnonzero(deep & (lengths[1:-1] <= LONGEST_DROP))
+    deep = depth > max(samples.spikes[1], DATA.spike_beyond * samples.large_step)
+    inner = 1 + np.flatnonzero(deep & (lengths[1:-1] <= DATA.longest_drop))
     starts, lengths, depth = starts[inner], lengths[inner], depth[inner - 1]
     before, there, after = levels[inner - 1], levels[inner], levels[inner + 1]
-    dropped = np.abs(after - before) < NEIGHBOURS_AGREE * depth
+    dropped = np.abs(after - before) < DATA.neighbours_agree * depth
     targets, counts = np.unique(there[dropped], return_counts=True)
     if not targets.size or counts.max() < 3 or counts.max() < 0.8 * counts.sum():
         return []
@@ -311,25 +286,13 @@ def _drops(samples: Samples) -> list[Finding]:
 
 def _coarse(samples: Samples) -> list[Finding]:
     step = samples.resolution
-    if step is None or float(np.mean(samples.steps < 1.5 * step)) < SINGLE_STEPS:
+    if step is None or float(np.mean(samples.steps < 1.5 * step)) < DATA.single_steps:
         return []
     low, high = samples.levels[0][[0, -1]]
     n_steps = round((high - low) / step)
-    level: Level = "warning" if n_steps < COARSE else "note"
+    level: Level = "warning" if n_steps < DATA.coarse else "note"
     text = f"is quantised in steps of {step:.4g}, {n_steps} in its range: its errors are no white noise"
     return [Finding("check-quantised", level, samples.name, text, count=n_steps)]
-
-
-# In units of the median step: one beyond JUMP is a pause or two recordings; a shorter one lost samples if it
-# is a multiple of the median to WHOLE.
-JUMP = 20.0
-WHOLE = 0.2
-# Spread of the steps (half the distance of their 5 % and 95 % quantiles), in units of their median, above
-# which a clock is uneven and tells neither gaps nor a change of its rate.
-JITTER = 0.03
-# Relative difference of the sampling periods of the two halves that is said.
-DRIFT = 0.02
-_FEWEST = 8  # steps
 
 
 def clock_findings(time: np.ndarray) -> list[Finding]:
@@ -339,12 +302,12 @@ def clock_findings(time: np.ndarray) -> list[Finding]:
     steps = np.diff(known)
     found += _order(known, steps)
     forward = steps > 0
-    if forward.sum() < _FEWEST:
+    if forward.sum() < DATA.clock_steps:
         return found
     step = float(np.median(steps[forward]))
     spread = unevenness(known)
     found += _long_steps(known, steps, step, spread)
-    if spread > JITTER:
+    if spread > DATA.uneven_clock:
         low, high = np.quantile(steps[forward], [0.01, 0.99])
         text = f"ticks unevenly: steps of {low:.4g} s to {high:.4g} s, median {step:.4g} s"
         found.append(Finding("check-clock-jitter", "note", None, text))
@@ -381,19 +344,19 @@ def _order(time: np.ndarray, steps: np.ndarray) -> list[Finding]:
 
 
 def _long_steps(time: np.ndarray, steps: np.ndarray, step: float, spread: float) -> list[Finding]:
-    jumps = np.nonzero(steps > JUMP * step)[0]
+    jumps = np.nonzero(steps > DATA.pause * step)[0]
     found = []
     if jumps.size:
         text = f"jumps by {steps[jumps].max():.4g} s where a step is {step:.4g} s: a pause, or two recordings"
         found.append(
             Finding("check-clock-jump", "warning", None, text, float(time[jumps[0]]), int(jumps.size))
         )
-    long = np.flatnonzero((steps >= 1.5 * step) & (steps <= JUMP * step))
+    long = np.flatnonzero((steps >= 1.5 * step) & (steps <= DATA.pause * step))
     ratio = steps[long] / step
     whole = np.round(ratio)
-    is_gap = (whole >= 2) & (np.abs(ratio - whole) < WHOLE)
+    is_gap = (whole >= 2) & (np.abs(ratio - whole) < DATA.lost_samples)
     gaps = long[is_gap]
-    if gaps.size and spread < JITTER:
+    if gaps.size and spread < DATA.uneven_clock:
         lost = int(np.sum(whole[is_gap] - 1))
         text = (
             f"leaves out about {lost} sample(s) in {gaps.size} gap(s), the longest {steps[gaps].max():.4g} s"
@@ -405,24 +368,15 @@ def _long_steps(time: np.ndarray, steps: np.ndarray, step: float, spread: float)
 def _rate(time: np.ndarray, steps: np.ndarray) -> list[Finding]:
     middle = steps.size // 2
     first, second = (float(np.median(half[half > 0])) for half in (steps[:middle], steps[middle:]))
-    if abs(first - second) <= DRIFT * min(first, second):
+    if abs(first - second) <= DATA.clock_drift * min(first, second):
         return []
     text = f"changes its rate: a step is {first:.4g} s in the first half and {second:.4g} s in the second"
     return [Finding("check-clock-rate", "warning", None, text, float(time[middle]))]
 
 
-# Two columns tell the same where one explains this share of the other at the best lag.
-SAME = 0.98
-# A lag is said where it leaves less than this share of what is unexplained without it.
-BETTER = 0.25
-LONGEST_LAG = 0.1  # share of the recording
-MOST_COLUMNS = 16
-# A column is computed from another one where this share of its standard deviation is left: two sensors of one
-# quantity leave their noise, files leave the rounding of their digits.
-COMPUTED = 1e-4
-FEWEST_PAIRED = 50  # samples
+MOST_COLUMNS = 16  # that are compared with each other
 ENOUGH = 20_000  # samples that tell whether a column is computed
-LONGEST = 200_000  # samples
+LONGEST = 200_000  # samples of columns that are compared
 
 
 @dataclass(frozen=True)
@@ -453,7 +407,7 @@ def _computed(a: Series, b: Series, period: float) -> list[Finding]:
     """A column that holds nothing new beside another one: the same values, scaled or late, or the difference
     quotients of them."""
     a, b = replace(a, values=a.values[:ENOUGH]), replace(b, values=b.values[:ENOUGH])
-    if min(np.unique(a.values).size, np.unique(b.values).size) < FEWEST_PAIRED:
+    if min(np.unique(a.values).size, np.unique(b.values).size) < DATA.paired_samples:
         return []  # a switch or a constant
     for early, late in ((a, b), (b, a)):
         if _is_difference(early.values, late.values):
@@ -462,7 +416,7 @@ def _computed(a: Series, b: Series, period: float) -> list[Finding]:
     lags, correlation = _correlation(x, y)
     lag = int(lags[np.argmax(np.abs(correlation))])
     n = x.size - abs(lag)
-    if n < FEWEST_PAIRED or _left(x[max(-lag, 0) :][:n], y[max(lag, 0) :][:n]) > COMPUTED:
+    if n < DATA.paired_samples or _left(x[max(-lag, 0) :][:n], y[max(lag, 0) :][:n]) > DATA.computed:
         return []
     late, early = (b, a) if lag >= 0 else (a, b)
     after = f", {abs(lag) * period:.4g} s late" if lag else ""
@@ -478,7 +432,7 @@ def _is_difference(motion: np.ndarray, rate: np.ndarray) -> bool:
     """Whether the rate is the difference of the motion: forward, backward, or over two steps."""
     steps = np.diff(motion)
     pairs = ((steps, rate[:-1]), (steps, rate[1:]), (motion[2:] - motion[:-2], rate[1:-1]))
-    return steps.size > FEWEST_PAIRED and any(_left(x, y) < COMPUTED for x, y in pairs)
+    return steps.size > DATA.paired_samples and any(_left(x, y) < DATA.computed for x, y in pairs)
 
 
 def _left(x: np.ndarray, y: np.ndarray) -> float:
@@ -502,12 +456,12 @@ def _compared(a: Series, b: Series, x: np.ndarray, y: np.ndarray, how: str, peri
     best = int(np.argmax(np.abs(correlation)))
     at_best, at_zero = float(correlation[best]), float(correlation[np.nonzero(lags == 0)[0][0]])
     found: list[Finding] = []
-    if at_best**2 < SAME:
+    if at_best**2 < DATA.same_columns:
         return found
     if at_best < 0:
         text = f"is {how}{a.name} with the opposite sign"
         found.append(Finding("check-polarity", "note", b.name, text))
-    if lags[best] != 0 and 1 - at_best**2 < BETTER * (1 - at_zero**2):
+    if lags[best] != 0 and 1 - at_best**2 < DATA.better_lag * (1 - at_zero**2):
         late, early = (b, a) if lags[best] > 0 else (a, b)
         text = f"follows {early.name} by {abs(lags[best]) * period:.4g} s: the machine, or clocks that differ"
         found.append(Finding("check-lag", "note", late.name, text))
@@ -518,7 +472,7 @@ def _correlation(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Lags (samples by which y is late) and the correlation at each.
 
     By the transforms of NumPy: `scipy.signal` takes half a second to import."""
-    most = max(1, int(LONGEST_LAG * x.size))
+    most = max(1, int(DATA.longest_lag * x.size))
     n = 1 << (x.size + y.size - 1).bit_length()  # long enough that the ends do not meet
     whole = np.fft.irfft(np.fft.rfft(y, n) * np.conj(np.fft.rfft(x, n)), n)
     lags = np.arange(-most, most + 1)

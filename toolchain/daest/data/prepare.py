@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from daest.data.limits import DATA
 from daest.errors import ConfigError, DataError
 from daest.model.holds import FOH, ZOH, Hold, held_inputs
 
@@ -21,39 +22,12 @@ if TYPE_CHECKING:
 
     from daest.model.experiment import Experiment
 
-# Time stamps this near (in periods) to a uniform grid are rounding or jitter of the clock, not information.
-GRID_TOLERANCE = 1e-3
-# Stamps off by the last of their decimals are rounded, too, where that is so small a share of a period.
-ROUNDED = 0.02
-# The anti-alias filter, in units of the new Nyquist frequency: half gain at CUTOFF, full gain below
-# CUTOFF - TRANSITION / 2, ATTENUATION (dB) above CUTOFF + TRANSITION / 2.
-CUTOFF = 0.9
-TRANSITION = 0.4
-ATTENUATION = 60.0
-HALF_WIDTH = 0.5 * (ATTENUATION - 8.0) / (2.285 * TRANSITION * np.pi)  # periods, by Kaiser's formula
-BETA = 0.1102 * (ATTENUATION - 8.7)  # Kaiser's, for a stop band between 50 dB and beyond
-STOP = 0.5 * (CUTOFF + TRANSITION)  # frequency, in units of 1 / period, beyond which nothing passes
+# The anti-alias filter, by Kaiser's formulas for a stop band between 50 dB and beyond.
+HALF_WIDTH = 0.5 * (DATA.attenuation - 8.0) / (2.285 * DATA.transition * np.pi)  # periods
+BETA = 0.1102 * (DATA.attenuation - 8.7)
+STOP = 0.5 * (DATA.cutoff + DATA.transition)  # frequency, in units of 1 / period, beyond which nothing passes
 KERNEL_STEP = 1.0 / 64.0  # periods between the tabulated values of a kernel
 SEGMENT = 8192  # samples, the longest part whose spectrum is taken
-# A recording is much finer than need be if its outputs' rates have POWER of their power below the
-# FINER_THAN_NEEDED-th part of the Nyquist frequency; KEPT times that band is what is kept of it, since what
-# tells a kink from a bend (friction, play, a stop) are the harmonics of the motion.
-POWER = 0.99
-FINER_THAN_NEEDED = 20.0
-KEPT = 10.0
-# A mode of the model that lies where the outputs still move at all keeps that many of its own frequency: fast
-# and small beside a slow and large motion, it has hardly any power.
-STILL = 0.9999
-ROUGHLY = 2.0  # factor by which start values may put a mode beyond what the outputs show of it
-KEPT_OF_MODE = 5.0
-FEWEST_KEPT = 1000  # samples for estimation that a coarser period leaves at least
-FEWEST_IN_ONE = 300  # and in the shortest of all recordings, validation included
-# An output shows more than the noise of its sensor in octaves whose power density is ABOVE_NOISE times that
-# of the highest octave; KEPT_ABOVE_NOISE times the highest such frequency is kept, for harmonics.
-ABOVE_NOISE = 3.0
-KEPT_ABOVE_NOISE = 4.0
-# A resampled output counts as missing if missing samples carry more than this share of the filter's weight.
-MISSING_SHARE = 0.05
 _RESAMPLED = "resampled to"
 
 Detrend = Literal["none", "mean", "linear"]
@@ -88,9 +62,9 @@ class Preparation:
 
 
 def regular_times(time: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """The uniform grid through `time` if no stamp is off by more than `GRID_TOLERANCE` periods or the last
-    decimal of the stamps, else `time` itself; and a note if the stamps were not uniform already. Shapes: time
-    (n_samples,) [s]."""
+    """The uniform grid through `time` if no stamp is off by more than `DATA.grid` or the last decimal of the
+    stamps, else `time` itself; and a note if the stamps were not uniform already. Shapes: time (n_samples,)
+    [s]."""
     n = time.size
     if n < 3:
         return time, ()
@@ -98,7 +72,7 @@ def regular_times(time: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     period = float(f"{slope:.9g}")
     grid = time[0] + period * np.arange(n)
     off = float(np.max(np.abs(grid - time))) / period
-    if off > GRID_TOLERANCE and off > _last_decimal(time, ROUNDED * period) / period:
+    if off > DATA.grid and off > _last_decimal(time, DATA.last_decimal * period) / period:
         return time, ()
     note = f"time stamps taken as uniform, period {period:.9g} s (off by at most {100 * off:.2g} % of it)"
     # Below 1e-6 of a period it is the rounding of the decimals in the file, not worth a word.
@@ -180,14 +154,14 @@ def sufficient_period(
     own = max(period for period in periods if period is not None)
     bands = np.array([_bands(e) for e in experiments])
     band, still = bands.max(axis=0)
-    if not 0.0 < band * FINER_THAN_NEEDED < 0.5 / own:
+    if not 0.0 < band * DATA.much_finer < 0.5 / own:
         return None
-    shown = max((mode for mode in modes if mode <= ROUGHLY * still), default=0.0)
+    shown = max((mode for mode in modes if mode <= DATA.misplaced_mode * still), default=0.0)
     by_samples = min(
-        sum(e.n_samples for e in estimation) // FEWEST_KEPT,
-        min(e.n_samples for e in experiments) // FEWEST_IN_ONE,
+        sum(e.n_samples for e in estimation) // DATA.kept_samples,
+        min(e.n_samples for e in experiments) // DATA.kept_in_one,
     )
-    factor = min(int(0.5 / (max(KEPT * band, KEPT_OF_MODE * shown) * own)), by_samples)
+    factor = min(int(0.5 / (max(DATA.kept_band * band, DATA.kept_mode * shown) * own)), by_samples)
     return factor * own if factor > 1 else None
 
 
@@ -197,9 +171,9 @@ def clear_period(estimation: Sequence[Experiment], modes: Sequence[float] = ()) 
     lies below the noise is not lost behind the filter of `resample`: of many samples it keeps the mean."""
     own = max(e.median_step for e in estimation)
     band = max(_clear_band(e) for e in estimation)
-    shown = max((mode for mode in modes if mode <= ROUGHLY * band), default=0.0)
-    fastest = max(KEPT_ABOVE_NOISE * band, KEPT_OF_MODE * shown)
-    most = sum(e.n_samples for e in estimation) // FEWEST_KEPT
+    shown = max((mode for mode in modes if mode <= DATA.misplaced_mode * band), default=0.0)
+    fastest = max(DATA.kept_above_noise * band, DATA.kept_mode * shown)
+    most = sum(e.n_samples for e in estimation) // DATA.kept_samples
     factor = min(int(0.5 / (fastest * own)), most) if fastest > 0.0 else 1
     return factor * own if factor > 1 else None
 
@@ -214,7 +188,7 @@ def _clear_band(experiment: Experiment) -> float:
         noise = float(np.median(density[frequencies >= top / 2.0]))  # tones up there are no noise
         while top > 2.0 * frequencies[1]:
             octave = density[(frequencies >= top / 2.0) & (frequencies <= top)]
-            if np.mean(octave) > ABOVE_NOISE * noise:
+            if np.mean(octave) > DATA.above_noise * noise:
                 highest = max(highest, top)
                 break
             top /= 2.0
@@ -222,8 +196,8 @@ def _clear_band(experiment: Experiment) -> float:
 
 
 def _bands(experiment: Experiment) -> tuple[float, float]:
-    """Frequencies [Hz] below which POWER, and STILL, of the power of the rate of every output lie; 0 where
-    none moves."""
+    """Frequencies [Hz] below which the rate of every output has `DATA.content_power`, and `DATA.still_power`,
+    of its power; 0 where none moves."""
     assert experiment.period is not None
     values = bridged(experiment.outputs, ~np.isfinite(experiment.outputs))
     bands = [(0.0, 0.0)]
@@ -232,7 +206,7 @@ def _bands(experiment: Experiment) -> tuple[float, float]:
             continue
         frequencies, density = _spectrum(rate, experiment.period)
         power = np.cumsum(density)
-        ends = np.searchsorted(power, np.array([POWER, STILL]) * power[-1])
+        ends = np.searchsorted(power, np.array([DATA.content_power, DATA.still_power]) * power[-1])
         bands.append((float(frequencies[ends[0]]), float(frequencies[ends[1]])))
     low, high = np.max(bands, axis=0)
     return float(low), float(high)
@@ -275,13 +249,13 @@ def resample(experiment: Experiment, period: float, hold: Hold = FOH) -> Experim
         0.02
     """
     own = experiment.period or experiment.median_step
-    if period < own * (1 - GRID_TOLERANCE):
+    if period < own * (1 - DATA.grid):
         raise ConfigError(
             "option-resample",
             f"a period of {period:.6g} s is shorter than the {own:.6g} s of '{experiment.name}'",
             remedy="resample to a longer period; nothing can be known between the samples",
         )
-    if experiment.period is not None and abs(period - own) <= GRID_TOLERANCE * own:
+    if experiment.period is not None and abs(period - own) <= DATA.grid * own:
         return experiment
     even = experiment if experiment.period is not None else _interpolated(experiment, 0.5 * own)
     half_width = _half_width(period)
@@ -300,7 +274,7 @@ def resample(experiment: Experiment, period: float, hold: Hold = FOH) -> Experim
     inputs, extra = _filtered_inputs(even, times, period, own, hold)
     note = (
         f"{_RESAMPLED} {period:.6g} s behind a linear-phase low-pass filter "
-        f"(half gain at {0.5 * CUTOFF / period:.4g} Hz); {half_width:.3g} s dropped at either end"
+        f"(half gain at {0.5 * DATA.cutoff / period:.4g} Hz); {half_width:.3g} s dropped at either end"
     )
     return replace(
         experiment,
@@ -360,7 +334,7 @@ def _half_width(period: float) -> float:
 def _low_pass(lag: np.ndarray) -> np.ndarray:
     """Kernel of the filter at `lag` (periods), zero beyond HALF_WIDTH."""
     window = np.i0(BETA * np.sqrt(np.clip(1.0 - (lag / HALF_WIDTH) ** 2, 0.0, None))) / np.i0(BETA)
-    return CUTOFF * np.sinc(CUTOFF * lag) * window
+    return DATA.cutoff * np.sinc(DATA.cutoff * lag) * window
 
 
 def _low_pass_before_lines(lag: np.ndarray) -> np.ndarray:
@@ -415,7 +389,7 @@ def _apply(weights: sp.csr_array, values: np.ndarray) -> np.ndarray:
         lost = (
             np.asarray(abs(weights) @ missing.astype(float)) / np.asarray(abs(weights).sum(axis=1))[:, None]
         )
-        result[lost > MISSING_SHARE] = np.nan
+        result[lost > DATA.missing_weight] = np.nan
     return result
 
 

@@ -147,7 +147,6 @@ def _model(path: Path, root: ET.Element, names: Sequence[str]) -> FmuModel:
         model_name=printable(root.get("modelName", "")),
         model_identifier=identifier,
         token=root.get("instantiationToken", root.get("guid", "")),
-        generation_tool=printable(root.get("generationTool", "")),
         variables=merged,
         states=tuple(s for s in states if s is not None),
         derivatives=rates,

@@ -68,7 +68,6 @@ class FmuModel:
     model_name: str
     model_identifier: str
     token: str
-    generation_tool: str
     variables: Mapping[int, FmuVariable]
     states: tuple[int, ...]
     derivatives: tuple[int, ...]
