@@ -64,6 +64,7 @@ def test_words(words, offered, monkeypatch):
         (("identify", "--fix", "spring."), ["spring.c="]),
         (("diagnose", "--estimate", ""), ["spring.c", "R"]),
         (("filter", "--measure", "o"), ["omega"]),
+        (("watch", "--measure", "o"), ["omega"]),
         (("diagnose", "--effect", "Coulomb"), ["CoulombFriction"]),
         (("extend", "--at", "ro"), ["rotor.flange_a"]),
     ],

@@ -91,7 +91,8 @@ def start(project: Path, home: Path, action: str, lines: Sequence[Line]) -> int:
     with whole_file(folder / ABOUT) as temporary:
         temporary.write_text(json.dumps(about), encoding="utf-8")
     _record(home, lines)
-    _forget(home)
+    for old in _numbers(home)[:-MOST_KEPT]:
+        shutil.rmtree(_folder(home, old), ignore_errors=True)
     return number
 
 
@@ -180,11 +181,6 @@ def _record(home: Path, lines: Sequence[Line]) -> None:
                 "#!/bin/sh\n# What was done on the live page; run it in the folder of the project.\n"
             )
         stream.writelines(f"{shown(line)}\n" for line in lines)
-
-
-def _forget(home: Path) -> None:
-    for number in _numbers(home)[:-MOST_KEPT]:
-        shutil.rmtree(_folder(home, number), ignore_errors=True)
 
 
 def _read(path: Path) -> Any:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from daest.cli import offered
 from daest.cli.follow import (
     StreamOptions,
     needs_stream,
@@ -27,6 +26,8 @@ from daest.cli.options import (
     data_options,
     draw,
     example,
+    kind_option,
+    measure_option,
     model_options,
     result_options,
     seed_option,
@@ -59,18 +60,8 @@ LONG = 10.0  # seconds from which on progress is shown
 )
 @files("[MODEL] [DATA]")
 @set_option
-@click.option(
-    "--measure",
-    metavar="OUTPUT",
-    shell_complete=offered.outputs,
-    multiple=True,
-    help="Use this output alone; the other measured ones are compared with their estimates.",
-)
-@click.option(
-    "--kind",
-    type=click.Choice(tuple(FILTERS)),
-    help="Kind of filter (default: time-varying for a linear model, ekf for a nonlinear one).",
-)
+@measure_option
+@kind_option(FILTERS)
 @click.option(
     "--particles",
     type=click.IntRange(min=2),

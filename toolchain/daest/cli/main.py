@@ -159,7 +159,8 @@ def run(arguments: Sequence[str]) -> int:
 
 def _failed(error: DaestError) -> int:
     say(str(error))
-    _show_traceback()
+    if _wants_traceback():
+        click.echo(traceback.format_exc(), err=True)
     return 2
 
 
@@ -192,11 +193,6 @@ def _internal(error: Exception) -> DaestError:
 
 def _wants_traceback() -> bool:
     return os.environ.get(TRACEBACK_VARIABLE, "0") not in ("", "0")
-
-
-def _show_traceback() -> None:
-    if _wants_traceback():
-        click.echo(traceback.format_exc(), err=True)
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:

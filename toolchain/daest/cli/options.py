@@ -256,6 +256,24 @@ set_option = click.option(
     callback=lambda _ctx, _param, given: assignments(given, "--set"),
     help="Value of a parameter; where it is estimated, the start.",
 )
+measure_option = click.option(
+    "--measure",
+    metavar="OUTPUT",
+    shell_complete=offered.outputs,
+    multiple=True,
+    help="Use this output alone; daest filter compares the other measured ones with their estimates.",
+)
+
+
+def kind_option(kinds: Iterable[str]) -> Callable[[Command], Command]:
+    """--kind, one of the `kinds` of filters."""
+    return click.option(
+        "--kind",
+        type=click.Choice(tuple(kinds)),
+        help="Kind of filter (default: time-varying for a linear model, ekf for a nonlinear one).",
+    )
+
+
 plot_option = click.option(
     "--plot",
     metavar="FILE",

@@ -20,6 +20,8 @@ from daest.cli.options import (
     data_options,
     example,
     gathered,
+    kind_option,
+    measure_option,
     model_options,
     seed_option,
     set_option,
@@ -95,12 +97,8 @@ _watch_options = gathered(
 )
 @files("[MODEL] [DATA]")
 @set_option
-@click.option("--measure", metavar="OUTPUT", multiple=True, help="Use this output alone.")
-@click.option(
-    "--kind",
-    type=click.Choice(["time-varying", "stationary", "ekf", "ukf"]),
-    help="Kind of filter (default: time-varying for a linear model, ekf for a nonlinear one).",
-)
+@measure_option
+@kind_option(["time-varying", "stationary", "ekf", "ukf"])
 @_watch_options
 @stream_options
 @model_options

@@ -221,7 +221,10 @@ def _stored(
     if own and last == bundled_root():
         bundled = [(root, file) for root, file in files if root == last]
         entries = _stored(_key(bundled), (last,), bundled, ())
-        entries = {name: _with_libraries(entry, libraries) for name, entry in entries.items()}
+        entries = {
+            name: replace(entry, effect=replace(entry.effect, libraries=libraries))
+            for name, entry in entries.items()
+        }
         entries |= _read(roots, [file for root, file in files if root != last], libraries)
     else:
         entries = _read(roots, [file for _, file in files], libraries)
@@ -229,10 +232,6 @@ def _stored(
     keep_content(kept, pickle.dumps(entries))
     forget_unused(kept.parent, MOST_KEPT)
     return entries
-
-
-def _with_libraries(entry: _Entry, libraries: tuple[str, ...]) -> _Entry:
-    return replace(entry, effect=replace(entry.effect, libraries=libraries))
 
 
 # Reading ----------------------------------------------------------------------------------------------------

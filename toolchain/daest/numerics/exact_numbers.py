@@ -62,7 +62,8 @@ def simple_value(number: float, ulps: float = ULPS) -> Fraction | None:
     """The simple fraction, perhaps times a power of ten or of two, that `number`, not zero and wrong by
     `ulps` roundings at most, is next to; None where there is none."""
     size = abs(Fraction(number))
-    for unit in (Fraction(1), _power(10, math.floor(math.log10(abs(number)))), _power(2, _exponent(number))):
+    decimal, binary = math.floor(math.log10(abs(number))), math.frexp(number)[1] - 1
+    for unit in (Fraction(1), _power(10, decimal), _power(2, binary)):
         simple = _simple_fraction(size / unit, ulps)
         if simple is not None:
             return (simple if number > 0 else -simple) * unit
@@ -71,10 +72,6 @@ def simple_value(number: float, ulps: float = ULPS) -> Fraction | None:
 
 def _power(base: int, exponent: int) -> Fraction:
     return Fraction(base**exponent) if exponent >= 0 else Fraction(1, base**-exponent)
-
-
-def _exponent(number: float) -> int:
-    return math.frexp(number)[1] - 1
 
 
 def _simple_fraction(value: Fraction, ulps: float) -> Fraction | None:

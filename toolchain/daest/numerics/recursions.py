@@ -42,7 +42,9 @@ def linear_recursion(A: np.ndarray, drive: np.ndarray, x0: np.ndarray) -> np.nda
     if n and n_steps:
         drive = np.broadcast_to(drive, (*lead, n_steps, n))
         with np.errstate(over="ignore", invalid="ignore"):
-            _filled(A, drive.reshape(-1, n_steps, n), states.reshape(-1, n_steps + 1, n))
+            each = drive.reshape(-1, n_steps, n), states.reshape(-1, n_steps + 1, n)
+            if not _compiled(A, *each):
+                _fill(A, *each)
     return states
 
 
@@ -153,11 +155,6 @@ def _part(*names: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
         for name in names:
             getattr(library, name).restype = None
     return library
-
-
-def _filled(A: np.ndarray, drive: np.ndarray, states: np.ndarray) -> None:
-    if not _compiled(A, drive, states):
-        _fill(A, drive, states)
 
 
 def _fill(A: np.ndarray, drive: np.ndarray, states: np.ndarray) -> None:

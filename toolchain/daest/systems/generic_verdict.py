@@ -38,7 +38,9 @@ def compared(
     ]
     if not any(difference.reason == "" for difference in differences):
         return found, tuple(differences)
-    reason = INEXACT if here is None else _special_values(dae, here)
+    reason = INEXACT
+    if here is not None:
+        reason = special_values(dae, lambda released: not released.agrees(here))
     return found, tuple(Difference(d.what, d.reason or reason, d.equations, d.noises) for d in differences)
 
 
@@ -48,7 +50,7 @@ def _forbidden_noises(dae: LinearDAE, structure: ExactStructure) -> list[str]:
 
 
 def _of_structure(report: NoiseReport, generic: GenericVerdict) -> Iterator[Difference]:
-    """Without a reason: `_special_values` is to tell it."""
+    """Without a reason: `special_values` is to tell it."""
     if report.index != generic.index:
         yield Difference("index", "")
     if report.n_dynamic != generic.n_dynamic:
@@ -87,11 +89,6 @@ def _tolerance_reason(report: NoiseReport, norms: Iterable[float]) -> str:
     return (
         f"projection {span}, beside the tolerance {report.tolerance:g}: exactly, any norm above zero forbids"
     )
-
-
-def _special_values(dae: LinearDAE, here: ExactStructure) -> str:
-    """Which parameters have values at which the verdict is another one than at values near by."""
-    return special_values(dae, lambda released: not released.agrees(here))
 
 
 def special_values(dae: LinearDAE, is_other: Callable[[ExactStructure], bool]) -> str:

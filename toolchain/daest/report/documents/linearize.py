@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal, NotRequired, TypedDict
 
 import numpy as np
@@ -114,7 +114,9 @@ def document(
         **{
             part: [v.name for v in getattr(dae, part)] for part in ("unknowns", "inputs", "outputs", "noises")
         },
-        units=dict(_units(dae)),
+        units={
+            one.name: one.unit for part in (dae.unknowns, dae.inputs, dae.outputs, dae.noises) for one in part
+        },
         parameters=[p for p in dae.parameters if not p.is_memory],
         matrix_format="triplets" if is_large else "rows",
         **matrices,
@@ -128,11 +130,6 @@ def document(
         decisions=[decision_entry(decision) for decision in form.decisions],
         notes=_notes(dae, form),
     )
-
-
-def _units(dae: LinearDAE) -> Iterator[tuple[str, str]]:
-    for part in (dae.unknowns, dae.inputs, dae.outputs, dae.noises):
-        yield from ((one.name, one.unit) for one in part)
 
 
 def _matrix(matrix: Matrix, is_large: bool) -> np.ndarray | Triplets:

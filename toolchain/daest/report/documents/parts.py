@@ -110,9 +110,8 @@ class Fact:
 def facts(kind: type, document: Mapping[str, Any]) -> list[str]:
     """What the marks `Fact` of a typed dictionary tell of a document of it; nothing of keys that it lacks."""
     told = []
-    for key, hint in get_type_hints(kind, include_extras=True).items():
-        inner = get_args(hint)[0] if get_origin(hint) is NotRequired else hint
-        for mark in getattr(inner, "__metadata__", ()):
+    for key, _, hint, *_ in _keys(cast(Hashable, kind)):
+        for mark in getattr(hint, "__metadata__", ()):
             if isinstance(mark, Fact) and key in document:
                 told.append(mark.words.format(number(document[key], mark.digits)))
     return told
