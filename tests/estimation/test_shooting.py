@@ -6,12 +6,12 @@ import casadi as ca
 import numpy as np
 import pytest
 from nonlinear_models import experiment_of, explicit_from, oscillator, setup_of
-from scipy.linalg import expm
+from scipy.linalg import expm, null_space
 from scipy.optimize import least_squares
 
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.identify_nonlinear import identify_nonlinear
-from daest.estimation.shooting import _tied, search_by_shooting, shooting_of, start_of
+from daest.estimation.shooting import _Closing, _Tied, search_by_shooting, shooting_of, start_of
 from daest.estimation.trajectories import TrajectoryProblem
 from daest.model.fit import IdentifyOptions
 from daest.systems.integrate import integrator
@@ -170,20 +170,34 @@ def test_two_records_are_cut_apart():
     assert fit.theta["mgl"] == pytest.approx(9.0, rel=0.02) and len(fit.initial_states) == 2
 
 
-def test_objective_has_the_gradient_of_its_value():
+def test_objective_and_gaps_have_the_slopes_of_their_values():
     explicit, experiment = turning(2, 200)
     shooting = shooting_of(problem_of(explicit, [experiment], J=1.2, d=0.1, mgl=7.0), 4)
-    rng = np.random.default_rng(0)
-    multipliers = rng.standard_normal((3, 2))
-    objective = _tied(shooting, multipliers, 50.0)
+    tied, rng, h = _Tied(shooting), np.random.default_rng(0), 1e-5
     z = np.concatenate([shooting.problem.unknowns.start, rng.standard_normal(8)])
-    here, h = objective(z, True), 1e-5
-    numeric = [
-        (objective(z + h * e, False).value - objective(z - h * e, False).value) / (2 * h)
-        for e in np.eye(z.size)
-    ]
-    assert here.gradient == pytest.approx(np.array(numeric), rel=1e-3, abs=1e-4 * np.max(np.abs(numeric)))
-    assert np.linalg.eigvalsh(here.information).min() > -1e-9 * np.linalg.eigvalsh(here.information).max()
+    here = tied.at(z)
+    assert here.gaps.shape == (6,) and here.ties.shape == (6, 11)
+    around = [(tied.at(z + h * e, False), tied.at(z - h * e, False)) for e in np.eye(z.size)]
+    numeric = np.array([(b.evaluation.value - a.evaluation.value) / (2 * h) for b, a in around])
+    assert here.evaluation.gradient == pytest.approx(numeric, rel=1e-3, abs=1e-4 * np.max(np.abs(numeric)))
+    ties = np.column_stack([(b.gaps - a.gaps) / (2 * h) for b, a in around])
+    assert here.ties == pytest.approx(ties, rel=1e-3, abs=1e-4 * np.max(np.abs(ties)))
+
+
+def test_step_is_the_best_of_those_that_close_the_linearised_gaps():
+    explicit, experiment = turning(2, 200)
+    shooting = shooting_of(problem_of(explicit, [experiment], J=1.2, d=0.1, mgl=7.0), 4)
+    z = np.concatenate([shooting.problem.unknowns.start, np.random.default_rng(0).standard_normal(8)])
+    here, wide = _Tied(shooting).at(z), np.full(z.size, 1e9)
+    closing = _Closing(here, 3, (-wide, wide))
+    closing.solve(1e-13)
+    assert here.ties @ closing.step == pytest.approx(-here.gaps, abs=1e-8 * np.max(np.abs(here.gaps)))
+    # The same by a basis of the directions in which no gap opens.
+    basis, H = null_space(here.ties), here.evaluation.information
+    least = np.linalg.lstsq(here.ties, -here.gaps)[0]
+    inside = np.linalg.solve(basis.T @ H @ basis, -basis.T @ (here.evaluation.gradient + H @ least))
+    assert closing.step == pytest.approx(least + basis @ inside, rel=1e-5, abs=1e-6)
+    assert here.ties @ closing.back(here.gaps) == pytest.approx(-here.gaps, rel=1e-8)
 
 
 # A model so unstable that no simulation follows it: exp(2 · 20) = 2e17

@@ -3,34 +3,41 @@
 The record is cut into segments with initial states of their own, which are tied by continuity
 (Bock, in Modelling of Chemical Reaction Systems, Springer 1981). Segments stay near the data at any
 parameters, so that a wrong parameter shows as gaps between them instead of a trajectory that has left.
-Continuity is reached by an augmented Lagrangian, whose weight grows from loose to tight; each of its problems
-is a bounded Fisher scoring over parameters and all initial states. Gradients are exact: the states at the end
-of a segment are outputs of the compiled integrator, with their sensitivities.
+Each step is that of a Fisher scoring over parameters and all initial states which closes the linearised gaps,
+as long as the likelihood and the gaps together become better (sequential quadratic programming, Nocedal &
+Wright, Numerical Optimization, 2006, sections 15.4 to 15.6 and 18.1). Gradients are exact: the states at the
+end of a segment are outputs of the compiled integrator, with their sensitivities.
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from daest.estimation.coordinates import objective, with_priors
 from daest.estimation.gates import FIT
 from daest.estimation.identifiability import Scores, scores
 from daest.estimation.records import part_of
-from daest.estimation.search import Evaluation, Found, Objective, minimise
+from daest.estimation.search import Evaluation, Found, minimise
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.flat import Dynamics
+from daest.numerics import deadline
+from daest.numerics.bordered import bordered
 from daest.systems.integrate import integrator
 
-FIRST_WEIGHT = 10.0  # of squared gaps in units of the state scales: loose
-WEIGHT_GROWTH = 10.0
-ROUNDS = 14
-ITERATIONS = 15  # of each round but the last
+MOST_STEPS = 60
+STEPS_PER_ITERATION = 4  # of the iterations that a search without cuts is allowed
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-10, 1e6  # relative to the information
+LONG, SHORT, SHORTEST = 0.3, 1 / 3, 1e-3  # parts of a step: long enough, from one trial to the next, no step
+PRICE = 1.5  # of a gap, in the largest force that holds one closed
+DECREASE = 1e-4  # of what the linearised problem promises, that a step must bring
 STATE_ITERATIONS = 15  # of the fits of segments to the data, parameters held
 MOST_SEGMENTS = 20  # unless told otherwise
 FEWEST_SAMPLES = 10  # of a segment
@@ -119,34 +126,191 @@ def search_by_shooting(
     problem: TrajectoryProblem, z: np.ndarray, n_segments: int, max_iterations: int
 ) -> Cut | None:
     """The end of the search; None where no segment can be simulated. z is the search vector of `problem`.
-    Shapes: z (n_z,)."""
+    Raises OutOfTimeError. Shapes: z (n_z,)."""
     shooting = shooting_of(problem, n_segments)
     p = len(problem.unknowns.coordinates)
     shooting, states = _states_near_data(shooting, z[:p], problem.initial_states(z))
-    z = np.concatenate([z[:p], (states / shooting.problem.state_scale).ravel()])
-    lower, upper = _limits(shooting)
-    multipliers = np.zeros((len(shooting.pairs), problem.n_states))
-    weight = FIRST_WEIGHT
-    found: Found | None = None
-    for number in range(ROUNDS):
-        tied = _tied(shooting, multipliers, weight)
-        iterations = max_iterations if number == ROUNDS - 1 else min(ITERATIONS, max_iterations)
-        found = minimise(tied, z, lower, upper, iterations)
-        if found is None:
+    tied, limits = _Tied(shooting), _limits(shooting)
+    begun = np.concatenate([z[:p], (states / shooting.problem.state_scale).ravel()])
+    here = tied.at(np.clip(begun, *limits))
+    if here is None:
+        return None
+    damping, end, n_steps = FIRST_DAMPING, None, 0
+    while end is None and n_steps < min(MOST_STEPS, STEPS_PER_ITERATION * max_iterations):
+        deadline.check()
+        found = _stepped(tied, here, damping, limits)
+        end = _end(here, found)
+        if found is not None and end is None:
+            damping = found.damping / 10.0 if found.part > LONG else 3.0 * found.damping
+            here, n_steps = found.point, n_steps + 1
+    found_at = Found(here.z, here.evaluation, end or "iteration limit", n_steps, 0.0)
+    return Cut(shooting, found_at, here.largest_gap <= FIT.nearly_continuous)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Where a search is: the objective without ties, with slopes where they were wanted; the gaps (n_gaps,)
+    in units of the state scales and, with slopes, ∂gaps/∂z (n_gaps, n_z)."""
+
+    z: np.ndarray
+    evaluation: Evaluation
+    gaps: np.ndarray
+    ties: np.ndarray
+
+    @property
+    def largest_gap(self) -> float:
+        return float(np.max(np.abs(self.gaps), initial=0.0))
+
+    @property
+    def is_continuous(self) -> bool:
+        return self.largest_gap < FIT.continuous
+
+    def merit(self, price: float) -> float:
+        """The objective and what the gaps cost, but for those that count as none."""
+        open_ = np.maximum(np.abs(self.gaps) - FIT.continuous, 0.0)
+        return self.evaluation.value + price * float(np.sum(open_))
+
+
+class _Tied:
+    """Negative log-likelihood and priors over parameters and all states, with the gaps between segments."""
+
+    def __init__(self, shooting: Shooting) -> None:
+        self.shooting = shooting
+        self._errors: Errors | None = None
+        self._objective = with_priors(self._likelihood, shooting.problem.unknowns)
+
+    def at(self, z: np.ndarray, with_slopes: bool = True) -> _Point | None:
+        """None where a segment cannot be simulated. Shapes: z (n_z,)."""
+        evaluation = self._objective(z, with_slopes)
+        if evaluation is None or self._errors is None:
             return None
-        z = found.z
-        gaps = _gaps(shooting, z)
-        if gaps is None:
+        gaps = _gaps_of(self.shooting, self._errors, z).ravel()
+        ties = _ties(self.shooting, self._errors, z) if with_slopes else np.zeros((0, z.size))
+        parts = (np.array(evaluation.value), evaluation.gradient, evaluation.information, gaps, ties)
+        return _Point(z, evaluation, gaps, ties) if all(np.all(np.isfinite(part)) for part in parts) else None
+
+    def _likelihood(self, z: np.ndarray, with_slopes: bool) -> Evaluation | None:
+        self._errors = errors = prediction_errors(self.shooting.problem, z, with_slopes)
+        if errors is None:
             return None
-        if np.max(np.abs(gaps), initial=0.0) < FIT.continuous and found.reason == "converged":
-            break
-        multipliers = multipliers + weight * gaps
-        weight *= WEIGHT_GROWTH
-    assert found is not None
-    gaps = _gaps(shooting, z)
-    closed = gaps is not None and np.max(np.abs(gaps), initial=0.0) <= FIT.nearly_continuous
-    plain = _tied(shooting, multipliers, 0.0 * weight)(z, True)
-    return None if plain is None else Cut(shooting, replace(found, evaluation=plain), closed)
+        slopes = _data_part(self.shooting, errors, z) if with_slopes else ()
+        return Evaluation(errors.negative_log_likelihood, *slopes)
+
+
+@dataclass(frozen=True)
+class _Step:
+    """What a step has led to: a `part` of the one that the `damping` gives, which promised a `gain` in
+    log-likelihood."""
+
+    point: _Point
+    part: float
+    damping: float
+    gain: float
+
+
+def _end(here: _Point, found: _Step | None) -> Literal["converged", "stalled"] | None:
+    """How the search ends at a point from which a step was looked for; None where it goes on."""
+    if found is None:
+        return "stalled"
+    return "converged" if here.is_continuous and found.gain < FIT.converged_gain else None
+
+
+def _stepped(
+    tied: _Tied, here: _Point, damping: float, limits: tuple[np.ndarray, np.ndarray]
+) -> _Step | None:
+    """The next point; None where no damping gives a better one."""
+    closing = _Closing(here, len(tied.shooting.problem.unknowns.coordinates), limits)
+    while damping <= MOST_DAMPING:
+        with suppress(np.linalg.LinAlgError):
+            closing.solve(damping)
+            gain = abs(float(here.evaluation.gradient @ closing.step))
+            if here.is_continuous and gain < FIT.converged_gain:
+                return _Step(here, 1.0, damping, gain)
+            found = _along(tied, here, closing, limits)
+            if found is not None:
+                point, part = found
+                return _Step(point, part, damping, gain if here.is_continuous else np.inf)
+        damping = max(10.0 * damping, FIRST_DAMPING)
+    return None
+
+
+def _along(
+    tied: _Tied, here: _Point, closing: _Closing, limits: tuple[np.ndarray, np.ndarray]
+) -> tuple[_Point, float] | None:
+    """The first part of a step that is better, and how large it is; where the whole one opens gaps by how the
+    segments bend, with these closed once more; None where no part is."""
+    price = closing.price
+    promised = min(float(here.evaluation.gradient @ closing.step) - price * np.sum(np.abs(here.gaps)), 0.0)
+    part = closing.longest
+    while part > SHORTEST:
+        most = here.merit(price) + DECREASE * part * promised
+        there = tied.at(np.clip(here.z + part * closing.step, *limits), with_slopes=False)
+        if there is not None and part == 1.0 and not there.merit(price) < most:
+            there = tied.at(np.clip(there.z + closing.back(there.gaps), *limits), with_slopes=False)
+        if there is not None and there.merit(price) < most:
+            better = tied.at(there.z)
+            if better is not None:
+                return better, part
+        part *= SHORT
+    return None
+
+
+class _Closing:
+    """The step from a point that is best for the likelihood among those that close the linearised gaps, of
+    free coordinates, for a damping. Raises LinAlgError where there is none.
+
+    H d + g + Gᵀ ν = 0 with G d = -c, gaps c and ties G, is solved with H + w Gᵀ G in place of H, which is
+    definite and of the same structure, by the Schur complement of the ties (Nocedal & Wright, section 16.2);
+    ν are the forces that hold the gaps closed."""
+
+    def __init__(self, here: _Point, n_parameters: int, limits: tuple[np.ndarray, np.ndarray]) -> None:
+        information, gradient = here.evaluation.information, here.evaluation.gradient
+        lower, upper = limits
+        by_states = np.diagonal(information)[n_parameters:]
+        weight = max(float(np.median(by_states)) if by_states.size else 1.0, 1.0)
+        tied = information + weight * here.ties.T @ here.ties
+        diagonal = np.diagonal(tied)
+        held = ((here.z <= lower) & (gradient >= 0.0)) | ((here.z >= upper) & (gradient <= 0.0))
+        held[n_parameters:] = False
+        self.free = ~held & (diagonal > FIT.flat * np.max(diagonal, initial=0.0))
+        self.scale = np.sqrt(diagonal[self.free])
+        self.information = bordered(tied[np.ix_(self.free, self.free)] / np.outer(self.scale, self.scale))
+        self.ties = here.ties[:, self.free] / self.scale
+        self.pull = (gradient + weight * here.ties.T @ here.gaps)[self.free] / self.scale
+        self.gaps, self.n_parameters = here.gaps, n_parameters
+        self.step = np.zeros(here.z.size)
+        self.price = 0.0
+
+    def solve(self, damping: float) -> None:
+        """Finds the step for a damping."""
+        solve = self.information.factor(damping + FIT.flat)
+        self._by_ties = solve(self.ties.T)
+        schur = self.ties @ self._by_ties
+        self._schur = (
+            cho_factor(schur + FIT.flat * np.trace(schur) * np.eye(len(schur))) if len(schur) else None
+        )
+        moved = solve(self.pull)
+        forces = self._forces(self.gaps - self.ties @ moved)
+        self.step = self._spread(-(moved + self._by_ties @ forces))
+        self.price = PRICE * float(np.max(np.abs(forces), initial=0.0))
+
+    @property
+    def longest(self) -> float:
+        """The part of the step in which no parameter moves by more than FIT.largest_step."""
+        moved = float(np.max(np.abs(self.step[: self.n_parameters]), initial=0.0))
+        return min(1.0, FIT.largest_step / max(moved, FIT.largest_step))
+
+    def back(self, gaps: np.ndarray) -> np.ndarray:
+        """The least step that closes the linearised gaps. Shapes: gaps (n_gaps,); step (n_z,)."""
+        return self._spread(-self._by_ties @ self._forces(gaps))
+
+    def _forces(self, gaps: np.ndarray) -> np.ndarray:
+        return gaps if self._schur is None else cho_solve(self._schur, gaps)
+
+    def _spread(self, step: np.ndarray) -> np.ndarray:
+        whole = np.zeros(self.free.size)
+        whole[self.free] = step / self.scale
+        return whole
 
 
 def start_of(shooting: Shooting, z: np.ndarray) -> np.ndarray:
@@ -205,43 +369,11 @@ def _fitted_state(
     return x, None if errors is None else errors.trajectories[0].states
 
 
-def _gaps(shooting: Shooting, z: np.ndarray) -> np.ndarray | None:
-    """End of each segment less the start of the next (n_pairs, n), in units of the state scales."""
-    errors = prediction_errors(shooting.problem, z)
-    return None if errors is None else _gaps_of(shooting, errors, z)
-
-
 def _gaps_of(shooting: Shooting, errors: Errors, z: np.ndarray) -> np.ndarray:
     scale = shooting.problem.state_scale
     starts = shooting.problem.initial_states(z)
     gaps = [errors.trajectories[i].states[-1] - starts[j] for i, j in shooting.pairs]
     return np.array(gaps).reshape(-1, scale.size) / scale
-
-
-def _tied(shooting: Shooting, multipliers: np.ndarray, weight: float) -> Objective:
-    """Negative log-likelihood and priors + Σ λᵀ gap + weight Σ |gap|² / 2 over parameters and all states."""
-    problem = shooting.problem
-
-    def evaluate(z: np.ndarray, with_slopes: bool) -> Evaluation | None:
-        errors = prediction_errors(problem, z, with_slopes)
-        if errors is None:
-            return None
-        gaps = _gaps_of(shooting, errors, z)
-        value = errors.negative_log_likelihood + np.sum(multipliers * gaps) + weight * np.sum(gaps**2) / 2
-        if not np.isfinite(value):
-            return None
-        if not with_slopes:
-            return Evaluation(float(value))
-        gradient, information = _data_part(shooting, errors, z)
-        force = multipliers + weight * gaps
-        for number, (rows, slope) in enumerate(_gap_slopes(shooting, errors, z)):
-            gradient[rows] += slope.T @ force[number]
-            information[np.ix_(rows, rows)] += weight * slope.T @ slope
-        if not (np.all(np.isfinite(gradient)) and np.all(np.isfinite(information))):
-            return None
-        return Evaluation(float(value), gradient, information)
-
-    return with_priors(evaluate, problem.unknowns)
 
 
 def _rows(shooting: Shooting, *segments: int) -> np.ndarray:
@@ -272,15 +404,15 @@ def _data_part(shooting: Shooting, errors: Errors, z: np.ndarray) -> tuple[np.nd
     return gradient, information
 
 
-def _gap_slopes(shooting: Shooting, errors: Errors, z: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Per gap: places in z, and ∂gap/∂z there (n, p + 2 n)."""
+def _ties(shooting: Shooting, errors: Errors, z: np.ndarray) -> np.ndarray:
+    """∂gaps/∂z (n_pairs n, n_z)."""
     n = shooting.problem.n_states
     units, scale = _units(shooting, z), shooting.problem.state_scale
-    result = []
-    for i, j in shooting.pairs:
+    ties = np.zeros((len(shooting.pairs) * n, z.size))
+    for number, (i, j) in enumerate(shooting.pairs):
         end = errors.trajectories[i].sensitivities[-1, shooting.n_outputs :] * units / scale[:, None]
-        result.append((_rows(shooting, i, j), np.hstack([end, -np.eye(n)])))
-    return result
+        ties[number * n : (number + 1) * n, _rows(shooting, i, j)] = np.hstack([end, -np.eye(n)])
+    return ties
 
 
 def whole_errors(cut: Cut, with_slopes: bool = False) -> tuple[Errors, list[Scores]]:
