@@ -1,4 +1,8 @@
-"""Identify: unknown parameters and noises of a model from recordings. Report (2), (3)-(8)."""
+"""Identify: unknown parameters and noises of a model from recordings. Report (2), (3)-(8).
+
+What nonlinear models need is loaded where there is one: a fit of a linear model begins a tenth of a second
+earlier.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +15,7 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.estimation.coordinates import log_likelihood
-from daest.estimation.ekf_likelihood import identify_by_ekf
-from daest.estimation.identify_nonlinear import identify_nonlinear, nonlinear_start
 from daest.estimation.linear_fit import linear_ends, linear_start, needed_slopes
-from daest.estimation.nonlinear_start import whole_and_piece
 from daest.estimation.profile import Tell, check_profile_names, silent
 from daest.estimation.result import fit_result
 from daest.estimation.setup import Setup, changing_together, check_jumps, setup_of
@@ -79,6 +80,9 @@ def tied_parameters(
         if family.is_affine:
             setup, _, start = linear_start(family, setup)
         else:
+            from daest.estimation.identify_nonlinear import nonlinear_start
+            from daest.estimation.nonlinear_start import whole_and_piece
+
             setup, problem, z = nonlinear_start(good_everywhere(dynamics(model)), setup)
             start, piece = whole_and_piece(problem, z)
     except EstimationError:
@@ -110,6 +114,9 @@ def searched(
 
 
 def _nonlinear_fit(model: Model, setup: Setup, tell: Tell, began: float) -> FitResult:
+    from daest.estimation.ekf_likelihood import identify_by_ekf
+    from daest.estimation.identify_nonlinear import identify_nonlinear
+
     if model.events is not None and setup.method == "pem":
         raise events_refused("a prediction from sample to sample")
     explicit = dynamics(model)
