@@ -181,7 +181,6 @@ def identified(
     from daest.cli.models import model_source
     from daest.cli.recordings import training_data
     from daest.cli.results import training_files
-    from daest.estimation.bootstrap import with_bootstrap
     from daest.estimation.identify import identify
     from daest.estimation.profile import silent
     from daest.model.fit import IdentifyOptions
@@ -197,6 +196,8 @@ def identified(
     with progress() if is_long else nullcontext(silent) as tell:
         result = identify(flat, estimation, options, validation, tell)
         if bootstrap:
+            from daest.estimation.bootstrap import with_bootstrap
+
             result = with_bootstrap(result, flat, estimation, options, bootstrap, tell)
     if not result.is_converged:
         note(f"not converged: {result.message}")
