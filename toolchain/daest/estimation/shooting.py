@@ -19,6 +19,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
 
 from daest.estimation.coordinates import objective, with_priors
 from daest.estimation.gates import FIT
@@ -34,7 +35,7 @@ from daest.systems.integrate import integrator
 
 MOST_STEPS = 60
 STEPS_PER_ITERATION = 4  # of the iterations that a search without cuts is allowed
-FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-10, 1e6  # relative to the information
+FIRST_DAMPING, MOST_DAMPING = 1e-3, 1e6  # relative to the information
 LONG, SHORT, SHORTEST = 0.3, 1 / 3, 1e-3  # parts of a step: long enough, from one trial to the next, no step
 PRICE = 1.5  # of a gap, in the largest force that holds one closed
 DECREASE = 1e-4  # of what the linearised problem promises, that a step must bring
@@ -137,7 +138,6 @@ def search_by_shooting(
         return None
     damping, end, n_steps = FIRST_DAMPING, None, 0
     while end is None and n_steps < min(MOST_STEPS, STEPS_PER_ITERATION * max_iterations):
-        deadline.check()
         found = _stepped(tied, here, damping, limits)
         end = _end(here, found)
         if found is not None and end is None:
@@ -221,6 +221,7 @@ def _stepped(
     """The next point; None where no damping gives a better one."""
     closing = _Closing(here, len(tied.shooting.problem.unknowns.coordinates), limits)
     while damping <= MOST_DAMPING:
+        deadline.check()
         with suppress(np.linalg.LinAlgError):
             closing.solve(damping)
             gain = abs(float(here.evaluation.gradient @ closing.step))
@@ -268,14 +269,15 @@ class _Closing:
         lower, upper = limits
         by_states = np.diagonal(information)[n_parameters:]
         weight = max(float(np.median(by_states)) if by_states.size else 1.0, 1.0)
-        tied = information + weight * here.ties.T @ here.ties
+        ties = csr_array(here.ties)  # of neighbours alone
+        tied = information + weight * (ties.T @ ties).toarray()
         diagonal = np.diagonal(tied)
         held = ((here.z <= lower) & (gradient >= 0.0)) | ((here.z >= upper) & (gradient <= 0.0))
         held[n_parameters:] = False
         self.free = ~held & (diagonal > FIT.flat * np.max(diagonal, initial=0.0))
         self.scale = np.sqrt(diagonal[self.free])
         self.information = bordered(tied[np.ix_(self.free, self.free)] / np.outer(self.scale, self.scale))
-        self.ties = here.ties[:, self.free] / self.scale
+        self.ties = csr_array(here.ties[:, self.free] / self.scale)
         self.pull = (gradient + weight * here.ties.T @ here.gaps)[self.free] / self.scale
         self.gaps, self.n_parameters = here.gaps, n_parameters
         self.step = np.zeros(here.z.size)
@@ -284,7 +286,7 @@ class _Closing:
     def solve(self, damping: float) -> None:
         """Finds the step for a damping."""
         solve = self.information.factor(damping + FIT.flat)
-        self._by_ties = solve(self.ties.T)
+        self._by_ties = solve(self.ties.T.toarray())
         schur = self.ties @ self._by_ties
         self._schur = (
             cho_factor(schur + FIT.flat * np.trace(schur) * np.eye(len(schur))) if len(schur) else None
