@@ -9,8 +9,9 @@ from nonlinear_models import experiment_of, explicit_from, oscillator, setup_of
 from scipy.linalg import expm, null_space
 from scipy.optimize import least_squares
 
-from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.coordinates import Unknowns, objective, parameter_coordinate
 from daest.estimation.identify_nonlinear import identify_nonlinear
+from daest.estimation.search import minimise
 from daest.estimation.shooting import _Closing, _Tied, search_by_shooting, shooting_of, start_of
 from daest.estimation.trajectories import TrajectoryProblem
 from daest.model.fit import IdentifyOptions
@@ -273,3 +274,14 @@ def test_continuous_solution_starts_where_the_record_does():
     assert z.size == 5
     assert problem.unknowns.natural(z[:3]) == pytest.approx([1.0, 0.05, 9.0], rel=0.02)
     assert z[3:] * cut.shooting.problem.state_scale == pytest.approx([0.0, 0.0], abs=0.05)
+
+
+@pytest.mark.parametrize("n_segments", [1, 2, 6])
+def test_any_number_of_segments_ends_where_a_search_without_cuts_does(n_segments):
+    explicit, experiment = turning(0, 80)
+    problem = problem_of(explicit, [experiment], J=1.2, d=0.1, mgl=7.0)
+    start, free = np.concatenate([problem.unknowns.start, np.zeros(2)]), np.full(5, np.inf)
+    whole = minimise(objective(problem), start, -free, free, 200)
+    cut = search_by_shooting(problem, start, n_segments, 60)
+    assert cut.is_continuous and cut.found.reason == "converged"
+    assert cut.found.evaluation.value == pytest.approx(whole.evaluation.value, abs=1e-3)

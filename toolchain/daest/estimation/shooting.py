@@ -220,11 +220,13 @@ def _stepped(
 ) -> _Step | None:
     """The next point; None where no damping gives a better one."""
     closing = _Closing(here, len(tied.shooting.problem.unknowns.coordinates), limits)
+    promised = np.inf
     while damping <= MOST_DAMPING:
         deadline.check()
         with suppress(np.linalg.LinAlgError):
             closing.solve(damping)
             gain = abs(float(here.evaluation.gradient @ closing.step))
+            promised = gain if promised == np.inf else promised
             if here.is_continuous and gain < FIT.converged_gain:
                 return _Step(here, 1.0, damping, gain)
             found = _along(tied, here, closing, limits)
@@ -232,7 +234,9 @@ def _stepped(
                 point, part = found
                 return _Step(point, part, damping, gain if here.is_continuous else np.inf)
         damping = max(10.0 * damping, FIRST_DAMPING)
-    return None
+    # What little there is to gain may drown in the rounding of the gaps.
+    is_near = here.is_continuous and promised < FIT.stalled_gain
+    return _Step(here, 1.0, damping, 0.0) if is_near else None
 
 
 def _along(
