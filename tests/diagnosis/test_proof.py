@@ -322,26 +322,23 @@ def test_ratios_of_simulation_errors():
     assert error_ratios({}, after) == []
 
 
-@pytest.mark.parametrize(("share", "reason"), [(0.05, "leaves the signal nearly as it is"), (0.9, "")])
-def test_limit_that_cuts_next_to_nothing_is_none(share, reason):
-    """A small share of what lies beyond a limit at the end of the range is a gain and an offset."""
+@pytest.mark.parametrize(
+    ("name", "kind", "share", "reason"),
+    [
+        ("OneSidedLimit", "input", 0.05, "leaves the signal nearly as it is"),
+        ("OneSidedLimit", "input", 0.9, ""),
+        ("AbsoluteValueSensor", "output", 0.5, "a sensor loses the sign, or it does not"),
+        ("AbsoluteValueSensor", "output", 0.95, ""),
+    ],
+)
+def test_share_that_is_another_law_is_weak(name, kind, share, reason):
+    """A small share of what lies beyond a limit at the end of the range is a gain and an offset; half a
+    sensor of magnitude is a sensor that shows one direction."""
     prepared, proof = proved()
-    (limit,) = some_effects("OneSidedLimit")
-    cut = next(c for c in pairs((limit,), sites(model())) if c.site.kind == "input")
-    own = replace(proof.fit.parameters[-1], name=f"{cut.name}.share", value=share, std_error=0.005)
+    bent = next(c for c in pairs(some_effects(name), sites(model())) if c.site.kind == kind)
+    own = replace(proof.fit.parameters[-1], name=f"{bent.name}.share", value=share, std_error=0.005)
     fit = replace(proof.fit, parameters=(*proof.fit.parameters, own))
-    found = weak(replace(prepared, trial=replace(prepared.trial, candidate=cut)), fit, proof.fit)
-    assert reason in found and bool(reason) == bool(found)
-
-
-@pytest.mark.parametrize(("share", "reason"), [(0.5, "a sensor loses the sign, or it does not"), (0.95, "")])
-def test_sensor_that_loses_half_a_sign_is_no_sensor_of_magnitude(share, reason):
-    prepared, proof = proved()
-    (magnitude,) = some_effects("AbsoluteValueSensor")
-    sensor = next(c for c in pairs((magnitude,), sites(model())) if c.site.kind == "output")
-    own = replace(proof.fit.parameters[-1], name=f"{sensor.name}.share", value=share, std_error=0.005)
-    fit = replace(proof.fit, parameters=(*proof.fit.parameters, own))
-    found = weak(replace(prepared, trial=replace(prepared.trial, candidate=sensor)), fit, proof.fit)
+    found = weak(replace(prepared, trial=replace(prepared.trial, candidate=bent)), fit, proof.fit)
     assert reason in found and bool(reason) == bool(found)
 
 

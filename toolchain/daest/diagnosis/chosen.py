@@ -48,7 +48,7 @@ def _within_samples(effect: Effect, experiments: Sequence[Experiment]) -> Effect
     them ever shorter, each integration takes longer, and no sample tells them."""
     if not any(p.is_period_of_time for p in effect.parameters):
         return effect
-    least = NYQUIST * min(float(np.median(np.diff(e.time))) for e in experiments)
+    least = NYQUIST * min(e.median_step for e in experiments)
     told = [
         replace(p, min=max(p.min or 0.0, least), start=max(p.start, least)) if p.is_period_of_time else p
         for p in effect.parameters

@@ -155,11 +155,9 @@ def _errors(model: Null, experiments: Sequence[Experiment]) -> tuple[np.ndarray,
 def largest_values(model: Null) -> dict[str, float]:
     """Largest magnitude of every variable in the simulation of the experiments of a model; empty where it
     cannot be simulated."""
-    runs, explicit = free_runs(model, model.experiments), _at_its_values(model)
     found: dict[str, float] = {}
-    for experiment, run in zip(model.experiments, runs or (), strict=bool(runs)):
-        states = dict(zip(explicit.state_names, run.states.T, strict=True))
-        here = ranges(explicit, experiment.time, states, experiment.inputs)
+    for experiment, states in _run_freely(model):
+        here = ranges(_at_its_values(model), experiment.time, states, experiment.inputs)
         found = {name: max(value, found.get(name, 0.0)) for name, value in here.items()}
     return found
 
@@ -167,16 +165,27 @@ def largest_values(model: Null) -> dict[str, float]:
 def values_along(model: Null, names: Sequence[str]) -> np.ndarray | None:
     """Values (n_names, n) of variables in the simulation of the experiments of a model, one experiment after
     the other; None where it cannot be simulated or lacks one of them."""
-    runs, explicit = free_runs(model, model.experiments), _at_its_values(model)
     parts = []
-    for experiment, run in zip(model.experiments, runs or (), strict=bool(runs)):
-        states = dict(zip(explicit.state_names, run.states.T, strict=True))
+    for experiment, states in _run_freely(model):
         every = np.arange(experiment.n_samples)
-        found = courses(explicit, experiment.time, states, experiment.inputs, every)
+        found = courses(_at_its_values(model), experiment.time, states, experiment.inputs, every)
         if not all(name in found for name in names):
             return None
         parts.append(np.array([found[name] for name in names]))
     return np.concatenate(parts, axis=1) if parts else None
+
+
+def _run_freely(model: Null) -> list[tuple[Experiment, dict[str, np.ndarray]]]:
+    """The experiments of a model, each with its states (n_samples,) by name in a simulation; none where it
+    cannot be simulated."""
+    runs = free_runs(model, model.experiments)
+    if runs is None:
+        return []
+    names = model.explicit.state_names
+    return [
+        (experiment, dict(zip(names, run.states.T, strict=True)))
+        for experiment, run in zip(model.experiments, runs, strict=True)
+    ]
 
 
 def _at_its_values(model: Null) -> ExplicitModel:

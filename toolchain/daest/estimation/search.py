@@ -91,7 +91,7 @@ def minimise(
     at_once = True  # slopes with the first trial of an iteration, as long as first trials are good
     for iteration in range(max_iterations):
         deadline.check()
-        steps = _steps(here, _free(z, here, lower, upper))
+        steps = _steps(here, free_coordinates(z, here, lower, upper))
         gain = steps.gain
         if gain < converged_gain:
             return Found(last, here, "converged", iteration, gain)
@@ -160,7 +160,7 @@ def _leaped(
     for _ in range(RETURN_STEPS):
         if there is None or there.value < here.value:
             break
-        free = _free(z, there, lower, upper)  # far away, others may rest or do nothing
+        free = free_coordinates(z, there, lower, upper)  # far away, others may rest or do nothing
         z = np.clip(z + _steps(there, free).within(radius)[0], lower, upper)
         there = objective(z, True)
     return (z, there) if there is not None and there.value < here.value else None
@@ -327,8 +327,9 @@ def _evaluated(objective: Objective, z: np.ndarray, with_slopes: bool) -> Evalua
     return (objective(z, True) if with_slopes else None) or objective(z, False)
 
 
-def _free(z: np.ndarray, here: Evaluation, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Coordinates that move: off their bounds, or pulled inwards; and with any influence at all."""
+def free_coordinates(z: np.ndarray, here: Evaluation, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Coordinates (n_z,) that move: off their bounds, or pulled inwards; and with any influence at all.
+    Shapes: z, lower and upper (n_z,)."""
     diagonal = np.diagonal(here.information)
     held = ((z <= lower) & (here.gradient >= 0.0)) | ((z >= upper) & (here.gradient <= 0.0))
     return ~held & (diagonal > FIT.flat * np.max(diagonal, initial=0.0))

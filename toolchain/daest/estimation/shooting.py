@@ -25,7 +25,7 @@ from daest.estimation.coordinates import objective, with_priors
 from daest.estimation.gates import FIT
 from daest.estimation.identifiability import Scores, scores
 from daest.estimation.records import part_of
-from daest.estimation.search import Evaluation, Found, minimise
+from daest.estimation.search import Evaluation, Found, free_coordinates, minimise
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.flat import Dynamics
@@ -270,16 +270,12 @@ class _Closing:
 
     def __init__(self, here: _Point, n_parameters: int, limits: tuple[np.ndarray, np.ndarray]) -> None:
         information, gradient = here.evaluation.information, here.evaluation.gradient
-        lower, upper = limits
         by_states = np.diagonal(information)[n_parameters:]
         weight = max(float(np.median(by_states)) if by_states.size else 1.0, 1.0)
         ties = csr_array(here.ties)  # of neighbours alone
         tied = information + weight * (ties.T @ ties).toarray()
-        diagonal = np.diagonal(tied)
-        held = ((here.z <= lower) & (gradient >= 0.0)) | ((here.z >= upper) & (gradient <= 0.0))
-        held[n_parameters:] = False
-        self.free = ~held & (diagonal > FIT.flat * np.max(diagonal, initial=0.0))
-        self.scale = np.sqrt(diagonal[self.free])
+        self.free = free_coordinates(here.z, replace(here.evaluation, information=tied), *limits)
+        self.scale = np.sqrt(np.diagonal(tied)[self.free])
         self.information = bordered(tied[np.ix_(self.free, self.free)] / np.outer(self.scale, self.scale))
         self.ties = csr_array(here.ties[:, self.free] / self.scale)
         self.pull = (gradient + weight * here.ties.T @ here.gaps)[self.free] / self.scale
