@@ -126,3 +126,39 @@ end Oven;
         np.testing.assert_allclose(simulate(model, drive).outputs[-1], expected, rtol=1e-6)
     with pytest.raises(ModelError, match="effect-present"):
         attach(attached, effect, site)
+
+
+def test_surroundings_that_one_body_feels_are_a_place_beside_every_body(tmp_path):
+    """A draught reaches the air of a room whose equations know the ambient through the wall alone."""
+    path = tmp_path / "Walled.mo"
+    path.write_text(
+        """model Walled
+  parameter Real C(unit = "J/K") = 4000;
+  parameter Real Cw(unit = "J/K") = 20000;
+  parameter Real G(unit = "W/K") = 0.8;
+  input Real P(unit = "W");
+  input Real T_out(unit = "degC");
+  input Real T_wanted(unit = "degC");
+  output Real T(unit = "degC", start = 20, fixed = true);
+  output Real error(unit = "K") = T_wanted - T;
+  Real Tw(unit = "degC", start = 15, fixed = true);
+equation
+  C*der(T) = P - G*(T - Tw);
+  Cw*der(Tw) = G*(T - Tw) - G*(Tw - T_out);
+end Walled;
+"""
+    )
+    flat, effect = compile_model(path), find_effect("Thermal.Conduction")
+    assert {s.aliases[0] for s in sites(flat) if s.kind == "exchange"} == {"T, Tw", "T, T_out", "Tw, T_out"}
+
+    def rate(_, T):
+        wall = 0.8 * (T[0] - T[1])
+        return [(30 - wall - 0.5 * (T[0] - 5)) / 4000, (wall - 0.8 * (T[1] - 5)) / 20000]
+
+    expected = solve_ivp(rate, (0.0, 9000.0), [20.0, 15.0], rtol=1e-9, atol=1e-12).y[0, -1]
+    drive = (np.linspace(0.0, 9000.0, 41), np.tile([30.0, 5.0, 21.0], (41, 1)))
+    site = find_site(flat, "T, T_out", effect)
+    made = extend_model(path, None, effect, site, values={"G": 0.5})
+    for model in (attach(flat, effect, site, values={"G": 0.5}), made.flat):
+        at = model.output_names.index("T")
+        np.testing.assert_allclose(simulate(model, drive).outputs[-1, at], expected, rtol=1e-6)

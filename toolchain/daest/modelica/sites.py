@@ -148,7 +148,7 @@ def untold_balances(flat: FlatModel) -> list[Site]:
 
 def _exchanges(flat: FlatModel) -> list[Site]:
     """Pairs of balances of heat or volume among the model's own equations, and of a balance of heat and a
-    temperature that is an input in its equation."""
+    temperature that is an input in one of them."""
     found: list[Site] = []
     known = [b for b in balances(flat) if b.domain(flat) in _PAIRED]
     for a, b in combinations(known, 2):
@@ -159,18 +159,30 @@ def _exchanges(flat: FlatModel) -> list[Site]:
             variables = ", ".join(flat.unknowns[one.variable].name for one in (a, b))
             name = f"{a.name(flat)}, {b.name(flat)}"
             found.append(Site(name, "exchange", domain, aliases=(variables,)))
-    return found + [one for balance in known for one in _exchanges_with_surroundings(flat, balance)]
+    return [*found, *_exchanges_with_surroundings(flat, known)]
 
 
-def _exchanges_with_surroundings(flat: FlatModel, balance: Balance) -> list[Site]:
-    if balance.domain(flat) != "thermal" or not balances_flows(flat, balance):
+def _exchanges_with_surroundings(flat: FlatModel, known: Sequence[Balance]) -> list[Site]:
+    """What a wall hides from the air today, a draught may reach: surroundings that any of the `known`
+    balances of heat feels are a place beside every one of them."""
+    heats = [b for b in known if b.domain(flat) == "thermal" and balances_flows(flat, b)]
+    if not heats:
         return []
-    used = ca.which_depends(flat.residual[balance.row], flat.u, 1, False)
-    own = flat.unknowns[balance.variable].name
-    return [
-        Site(f"{balance.name(flat)}, {one.name}", "exchange", "thermal", aliases=(f"{own}, {one.name}",))
+    used = ca.which_depends(flat.residual[[b.row for b in heats]], flat.u, 1, False)
+    surroundings = [
+        one.name
         for one, is_used in zip(flat.inputs, used, strict=True)
         if is_used and DOMAINS.get(one.unit) == "thermal"
+    ]
+    return [
+        Site(
+            f"{balance.name(flat)}, {name}",
+            "exchange",
+            "thermal",
+            aliases=(f"{flat.unknowns[balance.variable].name}, {name}",),
+        )
+        for balance in heats
+        for name in surroundings
     ]
 
 
