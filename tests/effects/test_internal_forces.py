@@ -39,7 +39,17 @@ WITHIN = f"{HEAD}{MOTION}  m1*der(v1) = u - {SPRING.replace('+', '-')};\n  m2*de
 RATES = GIVEN.replace("m1*der(v1) = u - F", "der(v1) = (u - F)/m1").replace(
     "m2*der(v2) = F", "der(v2) = F/m2"
 )
-FORMS = {"given": GIVEN, "behind": BEHIND, "bound": BOUND, "within": WITHIN, "rates": RATES}
+DIVIDED = WITHIN.replace(
+    f"m1*der(v1) = u - {SPRING.replace('+', '-')}", f"der(v1) = (u - ({SPRING}))/m1"
+).replace(f"m2*der(v2) = {SPRING}", f"der(v2) = 1/m2*({SPRING})")
+FORMS = {
+    "given": GIVEN,
+    "behind": BEHIND,
+    "bound": BOUND,
+    "within": WITHIN,
+    "rates": RATES,
+    "divided": DIVIDED,
+}
 
 BELT = """model Belt
   parameter Real J1(unit = "kg.m2") = 0.2;
@@ -138,8 +148,10 @@ def play(x, v, gap=0.02, s_s=1e-3):
         pytest.param(BOUND, marks=pytest.mark.slow),
         RATES,
         TWIST,
+        pytest.param(WITHIN, marks=pytest.mark.slow),
+        DIVIDED,
     ],
-    ids=["given", "behind", "bound", "rates", "twist"],
+    ids=["given", "behind", "bound", "rates", "twist", "within", "divided"],
 )
 def test_play_is_that_of_the_spring_and_the_damper_of_the_equation(tmp_path, text):
     path = tmp_path / "Two.mo"
@@ -154,6 +166,99 @@ def test_play_is_that_of_the_spring_and_the_damper_of_the_equation(tmp_path, tex
         extend_model(path, None, effect, site, values=values).flat,
     ):
         np.testing.assert_allclose(simulated(model), expected, rtol=1e-5)
+
+
+GEARED = """model Geared
+  parameter Real J1(unit = "kg.m2") = 0.02;
+  parameter Real J2(unit = "kg.m2") = 0.5;
+  parameter Real n = 4;
+  parameter Real c(unit = "N.m/rad") = 5;
+  parameter Real d(unit = "N.m.s/rad") = 0.2;
+  input Real u(unit = "N.m");
+  output Real y1(unit = "rad") = phi1;
+  output Real y2(unit = "rad") = phi2;
+  Real phi1(unit = "rad", start = 0, fixed = true);
+  Real phi2(unit = "rad", start = 0, fixed = true);
+  Real w1(unit = "rad/s", start = 0, fixed = true);
+  Real w2(unit = "rad/s", start = 0, fixed = true);
+equation
+  der(phi1) = w1;
+  der(phi2) = w2;
+  J1*der(w1) = u - (c*(phi1/n - phi2) + d*(w1/n - w2))/n;
+  J2*der(w2) = c*(phi1/n - phi2) + d*(w1/n - w2);
+end Geared;
+"""
+GEARED_RATES = (
+    GEARED.replace("J1*der(w1) = u - (c*(phi1/n - phi2) + d*(w1/n - w2))/n", "der(w1) = (u - F/n)/J1")
+    .replace("J2*der(w2) = c*(phi1/n - phi2) + d*(w1/n - w2)", "der(w2) = F/J2")
+    .replace("equation\n", '  Real F(unit = "N.m");\nequation\n  F = c*(phi1/n - phi2) + d*(w1/n - w2);\n')
+)
+
+
+@pytest.mark.parametrize("text", [GEARED, GEARED_RATES], ids=["within", "rates"])
+@pytest.mark.parametrize(
+    ("class_name", "values", "law"),
+    [
+        ("Rotational.HardeningSpring", {"c3": 900.0}, lambda x, v: 900.0 * x**3),
+        (
+            "Rotational.Backlash",
+            {"gap": 0.5, "phi_s": 1e-3},
+            lambda x, v: (
+                5 * (np.hypot(x - 0.25, 1e-3) - np.hypot(x + 0.25, 1e-3)) / 2
+                + 0.1 * v * ((x - 0.25) / np.hypot(x - 0.25, 1e-3) - (x + 0.25) / np.hypot(x + 0.25, 1e-3))
+            ),
+        ),
+    ],
+    ids=["spring", "play"],
+)
+def test_effect_behind_a_gear_acts_on_either_side_by_its_ratio(tmp_path, text, class_name, values, law):
+    """The ratio stands before the force in one balance alone, and over an inertia where rates are written."""
+    path = tmp_path / "Geared.mo"
+    path.write_text(text)
+    flat, effect = compile_model(path), find_effect(class_name)
+    (site,) = [s for s in sites(flat) if s.kind == "force"]
+    assert site.given == {"c": "c", "d": "d"}
+
+    def motion(law):
+        def rate(_, state):
+            phi1, phi2, w1, w2 = state
+            x, v = phi1 / 4 - phi2, w1 / 4 - w2
+            force = 5 * x + 0.2 * v + law(x, v)
+            return [w1, w2, (1.5 - force / 4) / 0.02, force / 0.5]
+
+        return solve_ivp(rate, (0.0, 2.0), [0.0] * 4, method="LSODA", rtol=1e-9, atol=1e-12).y[:2, -1]
+
+    expected = motion(law)
+    assert not np.allclose(expected, motion(no_force), rtol=1e-3)
+    for model in (
+        attach(flat, effect, site, values=values),
+        extend_model(path, None, effect, site, values=values).flat,
+    ):
+        np.testing.assert_allclose(simulated(model), expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "terms",
+    [
+        ("- d*v1", "- d*v2"),  # the same damping on either body
+        ("- d*v2", "+ d*v1"),  # gyroscopic
+        ("- c*s1 + c*s2", "- 2*c*s2 + c*s1"),  # another spring with the same stiffness at one of them
+    ],
+    ids=["own", "gyroscopic", "shared"],
+)
+def test_parameters_of_two_bodies_that_are_no_force_between_them(terms):
+    text = f"{HEAD}{MOTION}  m1*der(v1) = u {terms[0]};\n  m2*der(v2) = 0 {terms[1]};\nend Two;\n"
+    assert not [s for s in sites(compile_text(text.encode(), Path("Two.mo"))) if s.kind == "force"]
+
+
+def test_effects_at_a_body_and_beside_a_force_share_the_storage_they_are_over(tmp_path):
+    """What was put into a rate is found again, with the mass that it is divided by."""
+    path = tmp_path / "Two.mo"
+    path.write_text(DIVIDED)
+    steps = [("Translational.ViscousFriction", "v1", {"d": 2.0}), ("Translational.CoulombFriction", "v1", {})]
+    expected, made = in_steps(tmp_path, path, "Two", steps)
+    assert made.text.count("\n  der(v1) + v1_term.total/m1 = ") == made.text.count("Daest.Terms.") == 1
+    np.testing.assert_allclose(simulated(made.flat), simulated(expected), rtol=1e-6)
 
 
 def test_play_needs_the_stiffness_as_a_parameter():
@@ -208,7 +313,7 @@ def test_what_is_no_force_between_bodies_is_no_place():
 
 def test_factor_that_is_no_parameter_cannot_be_written(tmp_path):
     path = tmp_path / "Belt.mo"
-    path.write_text(SLIPPING.replace("r1*F", "r1*r1/0.1*F"))
+    path.write_text(SLIPPING.replace("r1*F", "0.1*sin(r1)/sin(0.1)*F"))
     flat, effect = compile_model(path), find_effect("Translational.ViscousFriction")
     (site,) = [s for s in sites(flat) if s.kind == "force"]
     with pytest.raises(ModelError, match="neither a number nor a parameter"):

@@ -22,9 +22,10 @@ from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Pa
 from daest.modelica.balances import Balance, balances, needs_position
 from daest.modelica.connectors import NAMES, connectors_of
 from daest.modelica.effects import OWN, EffectModel, effect_model
+from daest.modelica.factors import Entry
 from daest.modelica.internal_forces import InternalForce, internal_forces
 from daest.modelica.meshes import Mesh, meshes
-from daest.modelica.place_units import units_at
+from daest.modelica.place_units import balance_entry, units_at
 from daest.modelica.sites import connection_sets, fits
 from daest.modelica.terminals import terminals
 from daest.modelica.values import column
@@ -427,7 +428,7 @@ class _Assembly:
         """The flow into the effect's connector `own` becomes a term of a balance, its potential follows the
         balanced variable."""
         balance = self._found(self._balances, name)
-        self._add_term(balance.row, balance.sign, *member.local(own, 1))
+        self._add_term(balance_entry(self.flat, balance), *member.local(own, 1))
         potential, symbol = member.local(own, 0)
         variable = self.flat.unknowns[balance.variable]
         if not needs_position(member.effect.domain):
@@ -448,8 +449,8 @@ class _Assembly:
         relative motion; the other end of an effect with two does not move."""
         force = self._found(self._forces, name)
         *fixed, own = member.effect.connectors
-        for row, sign in force.signs:
-            self._add_term(row, sign, *member.local(own, 1))
+        for entry in force.entries:
+            self._add_term(entry, *member.local(own, 1))
         potential, symbol = member.local(own, 0)
         shown = force.motion_text(self.flat) or f"motion at {name}"
         if force.has_positions:
@@ -465,7 +466,7 @@ class _Assembly:
         first, second = member.effect.connectors
         voltage, symbol = member.local(first, 0)
         if place.source is None:
-            self._add_term(place.row, place.sign, voltage, symbol)
+            self._add_term(Entry(place.row, place.sign), voltage, symbol)
         else:
             source, source_symbol = place.source
             old = self.equations[place.row]
@@ -486,13 +487,14 @@ class _Assembly:
         self._tie(*member.local(first, 1), place.current_name(self.flat), self.u[place.current])
         self._tie(*member.local(second, 0), "0", ca.SX(0.0))
 
-    def _add_term(self, row: int, sign: float, name: str, symbol: ca.SX) -> None:
-        """Add a term to an equation of the model, on the left where the sign is positive."""
-        old = self.equations[row]
+    def _add_term(self, entry: Entry, name: str, symbol: ca.SX) -> None:
+        """Add a term to an equation of the model."""
+        old = self.equations[entry.row]
         left, _, right = old.text.partition(" = ")
-        text = f"{left} + {name} = {right}" if sign > 0 else f"{left} = {right} + {name}"
-        self.equations[row] = replace(old, text=text)
-        self.residual[row] = self.residual[row] + sign * symbol
+        term = entry.term(name, self.flat) or f"({entry.factor})*{name}"
+        text = f"{left} + {term} = {right}" if entry.sign > 0 else f"{left} = {right} + {term}"
+        self.equations[entry.row] = replace(old, text=text)
+        self.residual[entry.row] = self.residual[entry.row] + entry.in_residual * symbol
 
     def _tie_rate(self, left: str, right: str, right_symbol: ca.SX) -> None:
         """der(left) = right, of an unknown by its name."""

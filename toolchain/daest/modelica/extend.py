@@ -500,9 +500,9 @@ def _beside_force(draft: _Draft, placement: Placement, original: _Original) -> _
     with two is fixed."""
     flat, name, domain = original.flat, placement.name, placement.site.domain
     force = next(f for f in internal_forces(flat) if f.name(flat) == placement.site.name)
-    end = term_connector(flat, (row for row, _ in force.signs), domain)
+    end = term_connector(flat, (entry.row for entry in force.entries), domain)
     if end is None:
-        with _opening(original, f"the equation {flat.equations[force.signs[0][0]].text}"):
+        with _opening(original, f"the equation {flat.equations[force.entries[0].row].text}"):
             source, end = opened_force(original.source, flat, force, names_of(flat))
         original = original.changed(source)
     *fixed, own = placement.effect.connectors

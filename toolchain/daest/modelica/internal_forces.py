@@ -21,44 +21,42 @@ import numpy as np
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.modelica.balances import Balance, balances, own_laws, slopes_near_start
-from daest.modelica.place_units import balances_flows
-from daest.modelica.text import number_text
+from daest.modelica.factors import Entry, are_same, at_points, plain_factor, signed, signed_text
+from daest.modelica.place_units import flow_factor
 from daest.quantities import is_of
 
 _FORCES: dict[Domain, str] = {"translational": "N", "rotational": "N.m"}
 _POSITIONS: dict[Domain, str] = {"translational": "m", "rotational": "rad"}
 _SPEEDS: dict[Domain, str] = {"translational": "m/s", "rotational": "rad/s"}
-_N_POINTS = 3  # at which a parameter must act on two bodies alike
 _DEPTH = 5  # of variables that are given by others
 _TOLERANCE = 1e-9  # relative, of what rounding alone makes differ
-_SEED = 20040102
 
 
 @dataclass(frozen=True)
 class InternalForce:
     """The force that an equation gives to unknown `variable`, or that stands in the balances of two `bodies`
     where this is None. `bodies` are the balances with the factors, expressions of the parameters, by which
-    their speeds sum up to that of the relative motion; `signs` the equations that the flow of an effect
-    enters, each with its factor in the residual: that which gives the force, or the two balances.
+    their speeds sum up to that of the relative motion; `entries` the equations that the flow of an effect
+    enters: that which gives the force, or the two balances.
     `ground` are the inputs, with their factors, that move what the bodies stand on: they are part of the
     relative motion. `deflection` is the unknown of the model that is the relative position, as phi in
     `der(phi) = w1 - w2` or e in `e = z - road`, with its sign; None where there is none."""
 
     domain: Domain
     bodies: tuple[tuple[Balance, ca.SX], ...]
-    signs: tuple[tuple[int, float], ...]
+    entries: tuple[Entry, ...]
     variable: int | None = None
     ground: tuple[tuple[int, float], ...] = ()
     deflection: tuple[int, float] | None = None
 
     def name(self, flat: FlatModel) -> str:
         if self.variable is not None:
-            return f"{self.signs[0][0]}:{flat.unknowns[self.variable].name}"
+            return f"{self.entries[0].row}:{flat.unknowns[self.variable].name}"
         return ", ".join([*(body.name(flat) for body, _ in self.bodies), *self._ground_names(flat)])
 
     def aliases(self, flat: FlatModel) -> tuple[str, ...]:
         if self.variable is not None:
-            return flat.equations[self.signs[0][0]].text, flat.unknowns[self.variable].name
+            return flat.equations[self.entries[0].row].text, flat.unknowns[self.variable].name
         bodies = [flat.unknowns[body.variable].name for body, _ in self.bodies]
         return (", ".join([*bodies, *self._ground_names(flat)]),)
 
@@ -77,7 +75,7 @@ class InternalForce:
     def motion_text(self, flat: FlatModel) -> str | None:
         """The same as Modelica writes it; None where a factor is neither a number nor a parameter."""
         text = ""
-        terms = [(_printed(factor, flat), name) for _, name, factor in self._terms(flat)]
+        terms = [(signed_text(factor, flat), name) for _, name, factor in self._terms(flat)]
         for (sign, factor), variable in sorted(terms, key=lambda term: term[0][0]):  # what is added first
             if factor is None:
                 return None
@@ -89,9 +87,9 @@ class InternalForce:
         """The parameters that the force is proportional to: as `c` that by which it grows with the relative
         position, as `d` that with the relative speed."""
         if self.variable is None:
-            return ()
+            return _factors_in_balances(self, flat)
         printed = [
-            (name, _printed(slope, flat)) for name, slope in zip("cd", _slopes(self, flat), strict=True)
+            (name, signed_text(slope, flat)) for name, slope in zip("cd", _slopes(self, flat), strict=True)
         ]
         known = set(flat.parameter_names)
         return tuple((name, text) for name, (sign, text) in printed if sign == "+" and text in known)
@@ -144,7 +142,7 @@ def _given_by_equations(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[
         ground = _ground(flat, law, acting, domain)
         if ground or len(acting) >= 2:
             deflection = _deflection(flat, acting, ground)
-            yield InternalForce(domain, acting, ((own[0], sign),), variable, ground, deflection)
+            yield InternalForce(domain, acting, (Entry(own[0], sign),), variable, ground, deflection)
 
 
 def _spelled_out(flat: FlatModel, law: ca.SX, slopes: np.ndarray, rows: set[int], kept: set[int]) -> ca.SX:
@@ -177,7 +175,7 @@ def _ground(
     own = [flat.xi[body.position if has_positions else body.variable] for body, _ in bodies]
     moved = ca.vertcat(*own, *(flat.u[i] for i in candidates))
     column = ca.vertcat(ca.jacobian(law, moved).T, *(factor for _, factor in bodies))
-    values = _at_points(flat, column)[:, 0]
+    values = at_points(flat, column)[:, 0]
     n_bodies, n_all = len(own), moved.numel()
     with np.errstate(all="ignore"):
         per_motion = values[:n_bodies] / values[n_all:]
@@ -190,23 +188,6 @@ def _ground(
         for i, value in zip(candidates, factors[:, 0], strict=True)
         if abs(abs(value) - 1.0) < _TOLERANCE
     )
-
-
-def _at_points(flat: FlatModel, expression: ca.SX, theta: np.ndarray | None = None) -> np.ndarray:
-    """The values of an expression (n, m) at random points of the variables, and of the parameters unless
-    `theta` (n_theta,) has them, (n, m, n_points)."""
-    everything = [flat.xi, flat.derivatives, flat.u, flat.w]
-    evaluate = ca.Function("values", [*everything, flat.theta, flat.time], [expression])
-    rng = np.random.default_rng(_SEED)
-
-    def drawn(symbols: ca.SX) -> np.ndarray:
-        return rng.uniform(0.5, 1.5, symbols.numel())
-
-    values = []
-    for _ in range(_N_POINTS):
-        point = [drawn(symbols) for symbols in everything]
-        values.append(evaluate(*point, drawn(flat.theta) if theta is None else theta, 0.7).full())
-    return np.stack(values, axis=-1)
 
 
 def _is_definition(slopes: np.ndarray) -> bool:
@@ -228,13 +209,16 @@ def _acting(
             continue
         if ca.depends_on(factor, moving):
             return ()
-        if not balances_flows(flat, body):
+        own = flow_factor(flat, body)
+        if own is None:
             if body.domain(flat) != domain:
                 return ()
             # The terms are accelerations: the factor has the mass in it, and tells the direction alone.
             value = float(ca.Function("factor", [flat.theta], [factor])(flat.theta_values))
-            factor = ca.SX(float(np.sign(value)))
-        found.append((body, ca.simplify(body.sign * factor)))
+            factor, own = ca.SX(float(np.sign(value))), ca.SX(1.0)
+        factor = body.sign * factor / own
+        plain = plain_factor(flat, factor)
+        found.append((body, ca.simplify(factor) if plain is None else plain))
     return tuple(found)
 
 
@@ -270,7 +254,7 @@ def _sum(terms: Iterable[tuple[ca.SX, ca.SX]]) -> ca.SX:
 
 def _is_same(flat: FlatModel, one: ca.SX, other: ca.SX) -> bool:
     """Whether two expressions have the same values but for their signs, at random points."""
-    a, b = _at_points(flat, ca.vertcat(one, other), flat.theta_values)[:, 0]
+    a, b = at_points(flat, ca.vertcat(one, other), flat.theta_values)[:, 0]
     return any(np.allclose(a, sign * b, rtol=_TOLERANCE, atol=0.0) for sign in (1.0, -1.0))
 
 
@@ -278,8 +262,8 @@ def _slopes(force: InternalForce, flat: FlatModel) -> tuple[ca.SX, ca.SX]:
     """How the force that an equation gives grows with the relative position and with the relative speed."""
     (first, factor), *others = force.bodies
     x, v = ca.SX.sym("x"), ca.SX.sym("v")
-    ((row, sign),) = force.signs
-    law = sign * flat.residual[row]
+    (entry,) = force.entries
+    law = entry.sign * flat.residual[entry.row]
     speeds = _sum((f, flat.xi[body.variable]) for body, f in others)
     ground = _sum((ca.SX(sign), flat.u[i]) for i, sign in force.ground)
     has_positions = all(body.position >= 0 for body, _ in force.bodies)
@@ -296,25 +280,90 @@ def _slopes(force: InternalForce, flat: FlatModel) -> tuple[ca.SX, ca.SX]:
     return ca.simplify(ca.jacobian(law, x)), ca.simplify(ca.jacobian(law, v))
 
 
+def _factors_in_balances(force: InternalForce, flat: FlatModel) -> tuple[tuple[str, str], ...]:
+    """Of a force that stands in the balances: the only parameter that multiplies the relative position there,
+    and the only one that multiplies the relative speed."""
+    motions: dict[str, ca.SX] = {}
+    if force.has_positions:
+        motions["c"] = force.motion(flat)
+    if not force.ground:
+        motions["d"] = _sum((factor, flat.xi[body.variable]) for body, factor in force.bodies)
+    entry = force.entries[0]
+    law = flat.residual[entry.row] / entry.in_residual
+    moving = [body for body, _ in force.bodies if body.position >= 0]
+    if moving:  # der(s) is the speed
+        rates = ca.vertcat(*(flat.derivatives[body.position] for body in moving))
+        law = ca.substitute(law, rates, ca.vertcat(*(flat.xi[body.variable] for body in moving)))
+    terms = ca.jacobian(law, flat.theta)
+    found = []
+    for name, motion in motions.items():
+        own = [
+            k
+            for k in range(terms.numel())
+            if not terms[k].is_zero() and are_same(flat, terms[k], motion, flat.theta_values)
+        ]
+        if len(own) == 1:
+            found.append((name, flat.parameter_names[own[0]]))
+    return tuple(found)
+
+
 def _in_balances(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
-    """Forces that a parameter tells: it acts on two bodies with opposite signs, and with what moves both."""
-    heavy = [body for body in bodies if balances_flows(flat, body)]
+    """Forces that a parameter tells: it acts on two bodies with opposite signs, and with what moves both, or
+    it is the stiffness or the damping between two with a gear or a lever between them."""
+    factors = [(body, flow_factor(flat, body)) for body in bodies]
+    heavy = [(body, factor) for body, factor in factors if factor is not None]
     if len(heavy) < 2:
         return
-    acts, follows = _actions(flat, heavy)
+    rows = ca.vertcat(*(body.sign * flat.residual[body.row] / factor for body, factor in heavy))
+    slopes = ca.jacobian(rows, flat.theta)
+    acts = np.nan_to_num(at_points(flat, slopes, flat.theta_values))
     for k in range(acts.shape[1]):
-        one, *others = np.flatnonzero(np.any(acts[:, k], axis=1)).tolist() or [-1]
-        if len(others) != 1:
+        pair = np.flatnonzero(np.any(acts[:, k], axis=1)).tolist()
+        domains = {heavy[i][0].domain(flat) for i in pair}
+        if len(pair) != 2 or len(domains) != 1:
             continue
-        pair, actions = (one, others[0]), acts[:, k]
-        is_opposite = np.allclose(actions[one], -actions[others[0]], rtol=_TOLERANCE, atol=0.0)
-        domains = {heavy[i].domain(flat) for i in pair}
-        if is_opposite and len(domains) == 1 and all(follows[i, k, j] for i in pair for j in pair):
-            a, b = (heavy[i] for i in pair)
-            domain = a.domain(flat)
-            assert domain is not None
-            signs, both = ((a.row, a.sign), (b.row, -b.sign)), ((a, ca.SX(1.0)), (b, ca.SX(-1.0)))
-            yield InternalForce(domain, both, signs, deflection=_deflection(flat, both))
+        both = [heavy[i] for i in pair]
+        is_opposite = np.allclose(acts[pair[0], k], -acts[pair[1], k], rtol=_TOLERANCE, atol=0.0)
+        turned = _opposite if is_opposite else _geared
+        ratios = turned(flat, slopes[pair, k], [body for body, _ in both])
+        domain = domains.pop()
+        if domain is None or not ratios:
+            continue
+        shares = [signed(ratio) for ratio in ratios]
+        entries = [
+            Entry(body.row, body.sign * sign, factor * size)
+            for (body, factor), (sign, size) in zip(both, shares, strict=True)
+        ]
+        joined = tuple((body, ratio) for (body, _), ratio in zip(both, ratios, strict=True))
+        yield InternalForce(domain, joined, tuple(entries), deflection=_deflection(flat, joined))
+
+
+def _opposite(flat: FlatModel, acting: ca.SX, bodies: Sequence[Balance]) -> tuple[ca.SX, ...]:
+    """The factors of the speeds of two bodies on which a parameter acts with opposite signs, if what it
+    multiplies in their balances, `acting` (2,), changes with the motion of both; else none."""
+    moved = [ca.vertcat(*(flat.xi[i] for i in (b.variable, b.position) if i >= 0)) for b in bodies]
+    follows = all(ca.depends_on(acting[i], one) for i in (0, 1) for one in moved)
+    return (ca.SX(1.0), ca.SX(-1.0)) if follows else ()
+
+
+def _geared(flat: FlatModel, acting: ca.SX, bodies: Sequence[Balance]) -> tuple[ca.SX, ...]:
+    """The factors a of the speeds of two bodies in the relative motion, where what a parameter multiplies in
+    their balances, `acting` (2,), is a·(a·x) of their positions or speeds x; none where it is not."""
+    moving = ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
+    for x in ([b.position for b in bodies], [b.variable for b in bodies]):
+        if min(x) < 0:
+            continue
+        slopes = ca.jacobian(acting, ca.vertcat(*(flat.xi[i] for i in x)))
+        (a, b), (c, d) = ((slopes[i, 0], slopes[i, 1]) for i in (0, 1))
+        if ca.depends_on(slopes, moving) or any(one.is_zero() for one in (a, b, c, d)):
+            continue
+        first, second = (plain_factor(flat, ca.sqrt(one)) for one in (a, d))
+        if first is None or second is None or not are_same(flat, b, c):
+            continue
+        for ratio in (second, -second):
+            if are_same(flat, b, first * ratio):
+                return first, ratio
+    return ()
 
 
 def _on_moved_ground(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
@@ -325,29 +374,18 @@ def _on_moved_ground(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[Int
     kinetic = {i for body in bodies for i in (body.variable, body.position)}
     for body in bodies:
         domain = body.domain(flat)
-        if domain is None or not balances_flows(flat, body):
+        factor = flow_factor(flat, body)
+        if domain is None or factor is None:
             continue
-        terms = ca.jacobian(_spelled_out(flat, flat.residual[body.row], slopes, rows, kinetic), flat.theta)
+        law = _spelled_out(flat, flat.residual[body.row], slopes, rows, kinetic)
+        terms = ca.jacobian(law / factor, flat.theta)
         for k in range(flat.theta.numel()):
             own = ((body, ca.SX(1.0)),)
             ground = _ground(flat, terms[k], own, domain) if not terms[k].is_zero() else ()
             if ground:
                 deflection = _deflection(flat, own, ground)
-                yield InternalForce(domain, own, ((body.row, body.sign),), None, ground, deflection)
-
-
-def _actions(flat: FlatModel, bodies: Sequence[Balance]) -> tuple[np.ndarray, np.ndarray]:
-    """The slopes of the bodies' balances over the parameters at random points, (n_bodies, n_theta, n_points),
-    and whether they change with the motion of a body, (n_bodies, n_theta, n_bodies)."""
-    rows = ca.vertcat(*(body.sign * flat.residual[body.row] for body in bodies))
-    slopes = ca.jacobian(rows, flat.theta)
-    acts = np.nan_to_num(_at_points(flat, slopes, flat.theta_values))
-    follows = np.zeros((len(bodies), flat.theta.numel(), len(bodies)), dtype=bool)
-    for j, body in enumerate(bodies):
-        own = [flat.xi[i] for i in (body.variable, body.position) if i >= 0]
-        for i, k in np.argwhere(np.any(acts, axis=2)):
-            follows[i, k, j] = ca.depends_on(slopes[int(i), int(k)], ca.vertcat(*own))
-    return acts, follows
+                entries = (Entry(body.row, body.sign, factor),)
+                yield InternalForce(domain, own, entries, None, ground, deflection)
 
 
 def _is_same_motion(one: InternalForce, other: InternalForce, flat: FlatModel) -> bool:
@@ -359,15 +397,3 @@ def _is_same_motion(one: InternalForce, other: InternalForce, flat: FlatModel) -
         values.append(evaluate(flat.theta_values).full().ravel())
     a, b = values
     return any(np.allclose(a, sign * b, rtol=_TOLERANCE, atol=0.0) for sign in (1.0, -1.0))
-
-
-def _printed(factor: ca.SX, flat: FlatModel) -> tuple[str, str | None]:
-    """The sign of a factor and its size: empty for one, a number or a parameter, None for anything else."""
-    if factor.is_constant():
-        value = float(factor)
-        return "-" if value < 0.0 else "+", "" if abs(value) == 1.0 else number_text(abs(value))
-    for k, parameter in enumerate(flat.parameters):
-        for sign, symbol in (("+", flat.theta[k]), ("-", -flat.theta[k])):
-            if ca.is_equal(factor, symbol, 2):
-                return sign, parameter.name
-    return "+", None

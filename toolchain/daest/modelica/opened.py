@@ -12,6 +12,7 @@ extends it can put something in. Nothing in it changes as long as nothing is put
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -23,6 +24,7 @@ from daest.modelica.attach import ZERO_CELSIUS, free_name
 from daest.modelica.balances import Balance, needs_position
 from daest.modelica.components import expression_end
 from daest.modelica.connectors import connectors_of
+from daest.modelica.factors import Entry
 from daest.modelica.internal_forces import InternalForce
 from daest.modelica.meshes import Mesh
 from daest.modelica.outline import (
@@ -39,6 +41,7 @@ from daest.modelica.outline import (
     edited,
     offset_of,
 )
+from daest.modelica.place_units import balance_entry
 
 _TERMS: dict[Domain, tuple[str, str, str]] = {
     "translational": ("Force", "s", "flange"),
@@ -54,6 +57,7 @@ _IN_SERIES: dict[Domain, tuple[str, str]] = {  # the class, and the flow along t
     "electrical": ("Voltage", "i"),
     "hydraulic": ("PressureDrop", "q"),
 }
+_NAME = re.compile(r"[A-Za-z_][\w.]*")  # in the text of an equation
 _TOTAL = "total"  # the variable of a term that stands in the equation
 _SECTIONS = ("equation", "algorithm", "then", "else", "loop")
 _BLOCKS = ("if", "for", "when", "while")
@@ -72,7 +76,7 @@ def term_connector(flat: FlatModel, rows: Iterable[int], domain: Domain) -> str 
     wanted = set(rows)
     for end, connector in connectors_of(flat.unknowns).items():
         total = f"{end.rpartition('.')[0]}.{_TOTAL}"
-        holding = {i for i, e in enumerate(flat.equations) if not e.origin and total in e.text.split()}
+        holding = {i for i, e in enumerate(flat.equations) if not e.origin and total in _NAME.findall(e.text)}
         if connector.domain == domain and holding == wanted:
             return end
     return None
@@ -86,8 +90,8 @@ def opened_balance(
     if domain not in _TERMS:
         raise NotOpened("balances a flow for which Daest.Terms has no class")
     name = free_name(f"{_plain(flat.unknowns[balance.variable].name)}_term", taken)
-    signs = ((balance.row, balance.sign),)
-    return _with_terms(source, flat, signs, _term(flat, balance, domain, name)), _end(name, domain)
+    entries = (balance_entry(flat, balance),)
+    return _with_terms(source, flat, entries, _term(flat, balance, domain, name)), _end(name, domain)
 
 
 def opened_force(
@@ -103,9 +107,9 @@ def opened_force(
     kind, potential, _ = _TERMS[force.domain]
     if not force.has_positions:
         kind, potential = _OF_SPEED[force.domain]
-    about = f"Beside {flat.equations[force.signs[0][0]].text}"
+    about = f"Beside {flat.equations[force.entries[0].row].text}"
     term = _Term(name, f"{kind} {name}({potential} = {motion})", about)
-    return _with_terms(source, flat, force.signs, term), _end(name, force.domain)
+    return _with_terms(source, flat, force.entries, term), _end(name, force.domain)
 
 
 def opened_mesh(source: bytes, flat: FlatModel, mesh: Mesh, taken: Iterable[str]) -> tuple[bytes, str]:
@@ -117,7 +121,7 @@ def opened_mesh(source: bytes, flat: FlatModel, mesh: Mesh, taken: Iterable[str]
     kind, flow = _IN_SERIES[mesh.domain]
     term = _Term(name, f"{kind} {name}({flow} = {current})", about)
     if mesh.source is None:
-        return _with_terms(source, flat, ((mesh.row, mesh.sign),), term), name
+        return _with_terms(source, flat, (Entry(mesh.row, mesh.sign),), term), name
     voltage, _ = mesh.source
     row = _row_at(source, flat, mesh.row)
     uses = _uses([*row.left, *row.right], voltage, -1)
@@ -145,16 +149,22 @@ def _end(name: str, domain: Domain) -> str:
     return f"{name}.{_TERMS[domain][2]}"
 
 
-def _with_terms(source: bytes, flat: FlatModel, signs: Sequence[tuple[int, float]], term: _Term) -> bytes:
-    """The text with the sum of the term in every row of `signs`, on the left where the sign is positive."""
-    rows = [(_row_at(source, flat, number), sign) for number, sign in signs]
+def _with_terms(source: bytes, flat: FlatModel, entries: Sequence[Entry], term: _Term) -> bytes:
+    """The text with the sum of the term in every row of the `entries`, on the left where the sign is
+    positive."""
+    rows = [(_row_at(source, flat, entry.row), entry) for entry in entries]
     if len({row.head for row, _ in rows}) > 1:
         raise NotOpened("stands in equations of several classes")
     edits: list[Edit] = []
-    for row, sign in rows:
+    for row, entry in rows:
+        added = entry.term(f"{term.name}.{_TOTAL}", flat)
+        if added is None:
+            raise NotOpened("is divided by what cannot be written")
         # A binding has nothing on its left that a term could be added to.
-        side, mark = (row.left, "+") if sign > 0 and row.left else (row.right, "-" if sign > 0 else "+")
-        edits += _with_term(side, f"{mark} {term.name}.{_TOTAL}")
+        side, mark = (
+            (row.left, "+") if entry.sign > 0 and row.left else (row.right, "-" if entry.sign > 0 else "+")
+        )
+        edits += _with_term(side, f"{mark} {added}")
     return edited(source, [*edits, _declared(source, rows[0][0].words, term.line)])
 
 

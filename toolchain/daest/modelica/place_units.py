@@ -13,6 +13,7 @@ from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
 from daest.modelica.balances import LEVEL, Balance, balances
 from daest.modelica.connectors import MASS_FLOW, connectors_of
+from daest.modelica.factors import ONE, Entry, are_same, divisors
 from daest.quantities import dimensions
 
 _FLOWS: dict[Domain, str] = {
@@ -101,8 +102,15 @@ def _of_signal(parameter: EffectParameter, unit: str) -> str:
 
 
 def balances_flows(flat: FlatModel, balance: Balance) -> bool:
-    """Whether the terms of the equation have the unit of its domain's flow, as the units of the variables
-    and parameters in the factor of the rate tell; not where the variable has no unit.
+    """Whether the terms of the equation have the unit of its domain's flow, as they stand or over a storage
+    (`flow_factor`)."""
+    return flow_factor(flat, balance) is not None
+
+
+def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
+    """By what a flow of the domain is multiplied in the equation: 1 in `m*der(v) = F - d*v`, 1/m in
+    `der(v) = (F - d*v)/m`; None where the units of the variables and parameters in the factor of the rate, or
+    in what is divided by, do not tell; not where the variable has no unit.
 
     In other base units every quantity has another value. The factor must change as flow over rate does.
     """
@@ -110,10 +118,25 @@ def balances_flows(flat: FlatModel, balance: Balance) -> bool:
     wanted = None if domain is None else dimensions(_FLOWS[domain])
     rate = dimensions(flat.unknowns[balance.variable].unit)
     if wanted is None or rate is None:
-        return False
+        return None
     need = {d: wanted.get(d, 0.0) - rate.get(d, 0.0) for d in {*wanted, *rate}}
     need["[time]"] = need.get("[time]", 0.0) + 1.0
-    return _slope_has(flat, balance.row, balance.rate, need)
+    if _slope_has(flat, balance.row, balance.rate, need):
+        return ONE
+    storages: list[ca.SX] = []
+    moving = ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
+    for one in divisors(flat.residual[balance.row]):
+        if ca.depends_on(one, moving) or any(are_same(flat, one, other) for other in storages):
+            continue
+        if _slope_has(flat, balance.row, balance.rate, need, one):
+            storages.append(one)
+    return 1.0 / storages[0] if len(storages) == 1 else None
+
+
+def balance_entry(flat: FlatModel, balance: Balance) -> Entry:
+    """Where a flow enters the model at a balance; one whose units do not tell takes it as it is."""
+    factor = flow_factor(flat, balance)
+    return Entry(balance.row, balance.sign, ONE if factor is None else factor)
 
 
 def has_drop(flat: FlatModel, row: int, flow: int, drop: str, unit: str) -> bool:
@@ -133,17 +156,17 @@ def is_of_heads(flat: FlatModel, row: int, flow: int) -> bool:
     return has_drop(flat, row, flow, LEVEL, _FLOWS["hydraulic"])
 
 
-def _slope_has(flat: FlatModel, row: int, at: int, need: Mapping[str, float]) -> bool:
-    slope = _slope(flat, row, at)
+def _slope_has(flat: FlatModel, row: int, at: int, need: Mapping[str, float], times: ca.SX = ONE) -> bool:
+    slope = _slope(flat, row, at, times)
     plain, changed = slope({}), slope(_SCALES)
     return bool(np.isclose(changed, plain * _power(_SCALES, need), rtol=_TOLERANCE, atol=0.0))
 
 
-def _slope(flat: FlatModel, row: int, at: int) -> Callable[[Mapping[str, float]], float]:
-    """The slope with every quantity in base units changed by scales."""
+def _slope(flat: FlatModel, row: int, at: int, times: ca.SX = ONE) -> Callable[[Mapping[str, float]], float]:
+    """The slope, `times` an expression, with every quantity in base units changed by scales."""
     everything = ca.vertcat(flat.xi, flat.derivatives)
     symbols = [everything, flat.u, flat.theta, flat.w, flat.time]
-    evaluate = ca.Function("slope", symbols, [ca.jacobian(flat.residual[row], everything[at])])
+    evaluate = ca.Function("slope", symbols, [times * ca.jacobian(flat.residual[row], everything[at])])
     units = [v.unit for v in flat.unknowns]
 
     def slope(scales: Mapping[str, float]) -> float:
