@@ -30,6 +30,18 @@ def test_external_load_and_quiet_record_follow_nothing():
         assert free_forms(null, run)[0].p_value > 1e-3
 
 
+def test_observer_whose_errors_grow_without_end_tells_nothing(monkeypatch):
+    """A bent signal may leave one gain that holds nowhere: what a load does grows beyond all numbers."""
+    null, run, _ = pushed()
+    monkeypatch.setattr(
+        type(run.dynamics[0]),
+        "errors_along",
+        lambda _, courses, entry: np.full((len(courses), 1000, 1), np.inf),
+    )
+    with np.errstate(invalid="ignore"):
+        assert free_forms(null, run) == ()
+
+
 @pytest.mark.slow
 def test_p_values_are_uniform_or_larger_when_nothing_is_related():
     """Of one form over many records, so that they are independent."""

@@ -79,6 +79,48 @@ def test_voltage_drop_is_put_in_series(tmp_path, form):
     assert opened == pytest.approx(turning(has_coil), rel=2e-5)
 
 
+WRITTEN_OUT = {
+    "product": "J*der(w) = Ke*(u - Ke*w)/R;",
+    "turned": "-J*der(w) = Ke/R*(Ke*w - u);",
+    "rate": "der(w) = (Ke*((u - Ke*w)/R))/J;",
+}
+
+
+@pytest.mark.parametrize(
+    "form", [pytest.param(f, marks=() if f == "rate" else pytest.mark.slow) for f in WRITTEN_OUT]
+)
+@pytest.mark.parametrize(
+    ("class_name", "values", "expected"),
+    [("BrushVoltageDrop", {"V_b": 1.5, "i_s": 0.3}, (False, 1.5)), ("Inductance", {"L": 0.5}, (True,))],
+)
+def test_current_without_a_variable_is_a_place(tmp_path, form, class_name, values, expected):
+    path = tmp_path / "Motor.mo"
+    path.write_text(f"{HEAD}equation\n  {WRITTEN_OUT[form]}\nend Motor;\n")
+    flat, effect = compile_model(path), find_effect(f"Electrical.{class_name}")
+    (site,) = [s for s in sites(flat) if s.kind == "mesh"]
+    assert site.name.endswith(":u/R")
+    assert fits(effect, site)
+    drive = (np.linspace(0.0, 0.3, 31), np.full((31, 1), 5.0))
+    written = extend_model(path, None, effect, site, values=values)
+    for model in (attach(flat, effect, site, values=values), written.flat):
+        assert simulate(model, drive).outputs[-1, 0] == pytest.approx(turning(*expected), rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        "J*der(w) = Ke*(u - Ke*w)/R + 0.01*u",  # the voltage does something else besides
+        "J*der(w) = Ke*u*u/R - Ke*w",  # it is squared
+        "J*der(w) = Ke*(u - 3*w)/R",  # no sum of voltages
+        "J*R*der(w) = Ke*(u - Ke*w)",  # nothing is divided by the resistance
+        "J*der(w) = Ke*u*w/R",  # a power
+    ],
+)
+def test_what_holds_no_current_is_no_place(row):
+    text = f"{HEAD}equation\n  {row};\nend Motor;\n"
+    assert not [s for s in sites(compile_text(text.encode(), Path("Motor.mo"))) if s.kind == "mesh"]
+
+
 def test_two_effects_in_one_mesh_add_up(tmp_path):
     path = tmp_path / "Motor.mo"
     path.write_text(HEAD + FORMS["current"] + REST)

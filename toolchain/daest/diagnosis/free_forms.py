@@ -75,6 +75,8 @@ def free_forms(null: Null, run: NullObserver, variables: Iterable[str] | None = 
     rescaling, forms = loads_rescaled(null, run), []
     for index in range(len(null.loads)):
         whole = _responses(null, run, index, courses)
+        if not np.all(np.isfinite(whole)):
+            continue  # one gain holds nowhere in what bends so much: what a load does grows without end
         constant, *parts = np.split(whole, ends[:-1])
         known = np.vstack([parameters, constant])  # a constant load follows nothing
         apart, rescaled = projection(known), projection(np.vstack([known, rescaling]))

@@ -475,8 +475,8 @@ class _Assembly:
             self.residual[place.row] = ca.substitute(
                 self.residual[place.row], source_symbol, source_symbol - symbol
             )
-        current = self.flat.unknowns[place.variable].name
-        self._tie(*member.local(first, 1), current, self.xi[place.variable])
+        current = place.current_text(self.flat, voltage) or place.current_name(self.flat)
+        self._tie(*member.local(first, 1), current, place.current(self.flat, symbol))
         self._tie(*member.local(second, 0), "0", ca.SX(0.0))
 
     def _at_terminal(self, member: _Member, name: str) -> None:

@@ -3,7 +3,7 @@ and how Modelica writes one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import casadi as ca
@@ -59,6 +59,28 @@ def divisors(expression: ca.SX) -> Iterator[ca.SX]:
         if one.op() in (ca.OP_DIV, ca.OP_INV) and not parts[-1].is_constant():
             yield parts[-1]
         left += parts
+
+
+def sum_around(expression: ca.SX, symbol: ca.SX) -> ca.SX | None:
+    """The largest sum within a scalar expression that a symbol is a term of, which stands once in it; None
+    where it stands several times, or where nothing is done with the sum."""
+    above: dict[int, list[ca.SX]] = {}
+    left, seen = [expression], {expression.element_hash()}
+    while left:
+        one = left.pop()
+        for part in (one.dep(i) for i in range(one.n_dep())):
+            above.setdefault(part.element_hash(), []).append(one)
+            if part.element_hash() not in seen:
+                seen.add(part.element_hash())
+                left.append(part)
+    term, is_sum = symbol, True
+    while is_sum:
+        users = above.get(term.element_hash(), [])
+        if len(users) != 1:
+            return None
+        is_sum = users[0].op() in (ca.OP_ADD, ca.OP_SUB, ca.OP_NEG)
+        term = users[0] if is_sum else term
+    return term
 
 
 def at_points(flat: FlatModel, expression: ca.SX, theta: np.ndarray | None = None) -> np.ndarray:
@@ -118,12 +140,30 @@ def factor_text(factor: ca.SX, flat: FlatModel) -> str | None:
     products, ratios and squares."""
     if factor.is_constant() and float(factor) == 1.0:
         return ""
-    names = {flat.theta[k].element_hash(): name for k, name in enumerate(flat.parameter_names)}
-    written = _written(factor, names)
+    written = _written(factor, _names(flat.theta, flat.parameter_names))
     if written is None:
         return None
     text, precedence = written
     return text if precedence >= _PRODUCT else f"({text})"
+
+
+def variables_text(expression: ca.SX, flat: FlatModel, instead: Mapping[str, str]) -> str | None:
+    """An expression of variables and parameters as Modelica writes it, with other texts for the variables
+    that `instead` names; None as that of `factor_text`."""
+    names: dict[int, str] = {}
+    for symbols, own in (
+        (flat.theta, flat.parameter_names),
+        (flat.xi, flat.unknown_names),
+        (flat.u, flat.input_names),
+    ):
+        names |= _names(symbols, [instead.get(name, name) for name in own])
+    written = _written(expression, names)
+    return None if written is None else written[0]
+
+
+def _names(symbols: ca.SX, names: Sequence[str]) -> dict[int, str]:
+    """Names by the hash of their symbols."""
+    return {symbols[k].element_hash(): name for k, name in enumerate(names)}
 
 
 def _written(one: ca.SX, names: dict[int, str]) -> tuple[str, int] | None:

@@ -5,6 +5,7 @@ pressures along a pipe with one flow, `L*der(q) = p - R*q`."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -12,40 +13,78 @@ import numpy as np
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.modelica.balances import own_laws, slopes_near_start
-from daest.modelica.place_units import has_drop, is_of_heads
+from daest.modelica.factors import are_same, sum_around, variables_text
+from daest.modelica.place_units import has_drop, has_unit, is_of_heads
 from daest.modelica.terminals import CURRENT, VOLTAGE
 from daest.quantities import is_of
 
+_RESISTANCE = "Ohm"
 UNITS: dict[Domain, tuple[str, str]] = {  # of what drops along the path, and of what flows
     "electrical": (VOLTAGE, CURRENT),
     "hydraulic": ("Pa", "m3/s"),
 }
 
 
+class WrittenOut(NamedTuple):
+    """A current without a variable: the sum of the voltages along its path over a resistance, a parameter."""
+
+    current: ca.SX
+    resistance: str
+
+
 @dataclass(frozen=True)
 class Mesh:
     """Row `row` with the current that is unknown `variable`. `sign` is the factor with which a voltage
     against the current enters the residual where the terms are voltages. Where they are currents or rates,
-    the voltage is taken off the `source`, a voltage of the row: its name and its symbol. In the hydraulic
-    domain read pressure, or head, and flow for voltage and current."""
+    the voltage is taken off the `source`, a voltage of the row: its name and its symbol. A current that the
+    row holds without a variable, as in `J*der(w) = k*(u - k*w)/R`, is `written_out`, and called `u/R`. In the
+    hydraulic domain read pressure, or head, and flow for voltage and current."""
 
     domain: Domain
     row: int
-    variable: int
+    variable: int | None
     sign: float
     source: tuple[str, ca.SX] | None = None
+    written_out: WrittenOut | None = None
 
     def name(self, flat: FlatModel) -> str:
-        return f"{self.row}:{flat.unknowns[self.variable].name}"
+        return f"{self.row}:{self.current_name(flat)}"
 
     def aliases(self, flat: FlatModel) -> tuple[str, ...]:
-        return flat.equations[self.row].text, flat.unknowns[self.variable].name
+        return flat.equations[self.row].text, self.current_name(flat)
+
+    def current_name(self, flat: FlatModel) -> str:
+        if self.variable is not None:
+            return flat.unknowns[self.variable].name
+        assert self.written_out is not None
+        assert self.source is not None
+        return f"{self.source[0]}/{self.written_out.resistance}"
+
+    def current(self, flat: FlatModel, drop: ca.SX) -> ca.SX:
+        """The current while the voltage `drop` is taken off the source."""
+        if self.variable is not None:
+            return flat.xi[self.variable]
+        assert self.written_out is not None
+        assert self.source is not None
+        _, symbol = self.source
+        return ca.substitute(self.written_out.current, symbol, symbol - drop)
+
+    def current_text(self, flat: FlatModel, drop: str) -> str | None:
+        """The same as Modelica writes it; None where it has no text."""
+        if self.variable is not None:
+            return flat.unknowns[self.variable].name
+        assert self.written_out is not None
+        assert self.source is not None
+        return variables_text(
+            self.written_out.current, flat, {self.source[0]: f"({self.source[0]} - {drop})"}
+        )
 
 
 def meshes(flat: FlatModel) -> list[Mesh]:
     """Rows of the model itself, not of its components, that are sums of voltages or pressures, or follow from
     one."""
     rows = own_laws(flat)
+    resistances = [k for k, p in enumerate(flat.parameters) if rows and is_of(p.unit, _RESISTANCE)]
     # Reading units takes longer than anything else here: a model of components alone needs none.
     currents = [
         (domain, k)
@@ -53,10 +92,11 @@ def meshes(flat: FlatModel) -> list[Mesh]:
         for k, v in enumerate(flat.unknowns)
         if rows and is_of(v.unit, unit)
     ]
-    if not currents:
+    if not currents and not resistances:
         return []
     slopes = slopes_near_start(flat)
     found = [_mesh(flat, slopes, row, domain, k) for row in rows for domain, k in currents]
+    found += [_written_out(flat, row, k) for row in rows for k in resistances]
     return [mesh for mesh in found if mesh is not None]
 
 
@@ -85,7 +125,29 @@ def _mesh(flat: FlatModel, slopes: np.ndarray, row: int, domain: Domain, current
     return Mesh(domain, row, current, sign, source) if np.sign(value) == -sign else None
 
 
-def _holds_current(flat: FlatModel, row: int, current: int, unit: str) -> bool:
+def _written_out(flat: FlatModel, row: int, resistance: int) -> Mesh | None:
+    """The row as one that holds the current through a resistance without a variable; None where it does not,
+    or where no voltage tells which way the current flows."""
+    residual, R = flat.residual[row], flat.theta[resistance]
+    source = _source(flat, row, VOLTAGE) if ca.depends_on(residual, R) else None
+    if source is None or _holds_current(flat, row, None, CURRENT):
+        return None
+    slope = ca.jacobian(residual, source[1])
+    if ca.depends_on(slope, ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)):
+        return None
+    total = sum_around(residual, source[1])
+    if (
+        total is None
+        or not are_same(flat, R * ca.jacobian(slope, R), -slope)
+        or not has_unit(flat, total, VOLTAGE)
+    ):
+        return None
+    direction = ca.jacobian(total, source[1])
+    current = WrittenOut(direction * total / R, flat.parameter_names[resistance])
+    return Mesh("electrical", row, None, 1.0, source, current)
+
+
+def _holds_current(flat: FlatModel, row: int, current: int | None, unit: str) -> bool:
     """Whether a variable of that unit other than the unknown `current` stands in the row."""
     known = [(v.unit, flat.xi[k]) for k, v in enumerate(flat.unknowns) if k != current]
     known += [(v.unit, flat.u[k]) for k, v in enumerate(flat.inputs)]

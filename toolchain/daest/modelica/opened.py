@@ -115,8 +115,11 @@ def opened_force(
 def opened_mesh(source: bytes, flat: FlatModel, mesh: Mesh, taken: Iterable[str]) -> tuple[bytes, str]:
     """The text with a component of Daest.Terms in series in a mesh, and the name of that component, which is
     a wire unless it is told to be used. Raises NotOpened."""
-    current = flat.unknowns[mesh.variable].name
-    name = free_name(f"{_plain(current)}_term", taken)
+    held = mesh.current_name(flat) if mesh.variable is not None else (mesh.source or ("path", None))[0]
+    name = free_name(f"{_plain(held)}_term", taken)
+    current = mesh.current_text(flat, f"{name}.{_TOTAL}")
+    if current is None:
+        raise NotOpened("holds a current that cannot be written")
     about = f"In series in {flat.equations[mesh.row].text}"
     kind, flow = _IN_SERIES[mesh.domain]
     term = _Term(name, f"{kind} {name}({flow} = {current})", about)

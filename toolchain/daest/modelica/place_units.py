@@ -146,7 +146,7 @@ def has_drop(flat: FlatModel, row: int, flow: int, drop: str, unit: str) -> bool
     for at, over in ((flat.n + flow, f"({drop}).s/({unit})"), (flow, f"({drop})/({unit})")):
         need = dimensions(over)
         assert need is not None
-        if _slope(flat, row, at)({}) and _slope_has(flat, row, at, need):
+        if _in_units(flat, _slope(flat, row, at))({}) and _slope_has(flat, row, at, need):
             return True
     return False
 
@@ -156,20 +156,36 @@ def is_of_heads(flat: FlatModel, row: int, flow: int) -> bool:
     return has_drop(flat, row, flow, LEVEL, _FLOWS["hydraulic"])
 
 
+def has_unit(flat: FlatModel, expression: ca.SX, unit: str) -> bool:
+    """Whether the terms of a scalar expression have the unit, as those of its variables and parameters
+    tell."""
+    need = dimensions(unit)
+    assert need is not None
+    return _changes_as(flat, expression, need)
+
+
 def _slope_has(flat: FlatModel, row: int, at: int, need: Mapping[str, float], times: ca.SX = ONE) -> bool:
-    slope = _slope(flat, row, at, times)
-    plain, changed = slope({}), slope(_SCALES)
-    return bool(np.isclose(changed, plain * _power(_SCALES, need), rtol=_TOLERANCE, atol=0.0))
+    """Whether the slope of an equation, `times` an expression, has these dimensions."""
+    return _changes_as(flat, times * _slope(flat, row, at), need)
 
 
-def _slope(flat: FlatModel, row: int, at: int, times: ca.SX = ONE) -> Callable[[Mapping[str, float]], float]:
-    """The slope, `times` an expression, with every quantity in base units changed by scales."""
-    everything = ca.vertcat(flat.xi, flat.derivatives)
-    symbols = [everything, flat.u, flat.theta, flat.w, flat.time]
-    evaluate = ca.Function("slope", symbols, [times * ca.jacobian(flat.residual[row], everything[at])])
+def _slope(flat: FlatModel, row: int, at: int) -> ca.SX:
+    return ca.jacobian(flat.residual[row], ca.vertcat(flat.xi, flat.derivatives)[at])
+
+
+def _changes_as(flat: FlatModel, expression: ca.SX, need: Mapping[str, float]) -> bool:
+    """Whether a scalar expression has other values in other base units as what has these dimensions."""
+    value = _in_units(flat, expression)
+    return bool(np.isclose(value(_SCALES), value({}) * _power(_SCALES, need), rtol=_TOLERANCE, atol=0.0))
+
+
+def _in_units(flat: FlatModel, expression: ca.SX) -> Callable[[Mapping[str, float]], float]:
+    """The expression with every quantity in base units changed by scales."""
+    symbols = [ca.vertcat(flat.xi, flat.derivatives), flat.u, flat.theta, flat.w, flat.time]
+    evaluate = ca.Function("value", symbols, [expression])
     units = [v.unit for v in flat.unknowns]
 
-    def slope(scales: Mapping[str, float]) -> float:
+    def value(scales: Mapping[str, float]) -> float:
         values = [
             _changed([*units, *(f"({unit})/s" if unit else "" for unit in units)], scales),
             _changed([v.unit for v in flat.inputs], scales),
@@ -179,7 +195,7 @@ def _slope(flat: FlatModel, row: int, at: int, times: ca.SX = ONE) -> Callable[[
         ]
         return float(evaluate(*values))
 
-    return slope
+    return value
 
 
 def _changed(units: Sequence[str], scales: Mapping[str, float]) -> np.ndarray:
