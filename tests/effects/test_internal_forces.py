@@ -134,6 +134,14 @@ TWIST = GIVEN.replace(SPRING, "c*x + d*(v1 - v2)").replace(
 )
 
 
+APART = (
+    GIVEN.replace(f"F = {SPRING}", "F = c*(s1 - s2);\n  G = d*(v1 - v2)")
+    .replace("equation\n", '  Real G(unit = "N");\nequation\n')
+    .replace("u - F", "u - F - G")
+    .replace("= F;\nend", "= F + G;\nend")
+)
+
+
 def play(x, v, gap=0.02, s_s=1e-3):
     """What a play takes away from the spring of 40 N/m and the damper of 0.5 N.s/m behind it."""
     ahead, behind = np.hypot(x - gap / 2, s_s), np.hypot(x + gap / 2, s_s)
@@ -150,8 +158,9 @@ def play(x, v, gap=0.02, s_s=1e-3):
         TWIST,
         pytest.param(WITHIN, marks=pytest.mark.slow),
         DIVIDED,
+        APART,
     ],
-    ids=["given", "behind", "bound", "rates", "twist", "within", "divided"],
+    ids=["given", "behind", "bound", "rates", "twist", "within", "divided", "apart"],
 )
 def test_play_is_that_of_the_spring_and_the_damper_of_the_equation(tmp_path, text):
     path = tmp_path / "Two.mo"

@@ -12,7 +12,7 @@ without that of the input, as in `u = kp*(r - phi) - kd*w`, it may be the comman
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import casadi as ca
@@ -40,7 +40,8 @@ class InternalForce:
     enters: that which gives the force, or the two balances.
     `ground` are the inputs, with their factors, that move what the bodies stand on: they are part of the
     relative motion. `deflection` is the unknown of the model that is the relative position, as phi in
-    `der(phi) = w1 - w2` or e in `e = z - road`, with its sign; None where there is none."""
+    `der(phi) = w1 - w2` or e in `e = z - road`, with its sign; None where there is none. `beside` are other
+    forces that the same motion drives, as that of a damper beside that of a spring."""
 
     domain: Domain
     bodies: tuple[tuple[Balance, ca.SX], ...]
@@ -48,6 +49,7 @@ class InternalForce:
     variable: int | None = None
     ground: tuple[tuple[int, float], ...] = ()
     deflection: tuple[int, float] | None = None
+    beside: tuple[InternalForce, ...] = ()
 
     def name(self, flat: FlatModel) -> str:
         if self.variable is not None:
@@ -84,15 +86,20 @@ class InternalForce:
         return text
 
     def coefficients(self, flat: FlatModel) -> tuple[tuple[str, str], ...]:
-        """The parameters that the force is proportional to: as `c` that by which it grows with the relative
-        position, as `d` that with the relative speed."""
+        """The parameters that the force, or one beside it, is proportional to: as `c` that by which it grows
+        with the relative position, as `d` that with the relative speed."""
+        known: dict[str, str] = {}
+        for force in (self, *self.beside):
+            known = {**force._own_coefficients(flat), **known}
+        return tuple(sorted(known.items()))
+
+    def _own_coefficients(self, flat: FlatModel) -> dict[str, str]:
         if self.variable is None:
             return _factors_in_balances(self, flat)
-        printed = [
-            (name, signed_text(slope, flat)) for name, slope in zip("cd", _slopes(self, flat), strict=True)
-        ]
-        known = set(flat.parameter_names)
-        return tuple((name, text) for name, (sign, text) in printed if sign == "+" and text in known)
+        slopes = zip("cd", _slopes(self, flat), strict=True)
+        printed = [(name, signed_text(slope, flat)) for name, slope in slopes]
+        parameters = set(flat.parameter_names)
+        return {name: text for name, (sign, text) in printed if sign == "+" and text in parameters}
 
     def _terms(self, flat: FlatModel) -> Iterator[tuple[ca.SX, str, ca.SX]]:
         """Symbol, name and factor of what the relative motion is the sum of."""
@@ -119,8 +126,11 @@ def internal_forces(flat: FlatModel) -> list[InternalForce]:
         *_in_balances(flat, bodies),
         *_on_moved_ground(flat, bodies),
     ):
-        if not any(_is_same_motion(force, other, flat) for other in found):
+        same = next((i for i, other in enumerate(found) if _is_same_motion(force, other, flat)), None)
+        if same is None:
             found.append(force)
+        else:
+            found[same] = replace(found[same], beside=(*found[same].beside, force))
     return found
 
 
@@ -280,7 +290,7 @@ def _slopes(force: InternalForce, flat: FlatModel) -> tuple[ca.SX, ca.SX]:
     return ca.simplify(ca.jacobian(law, x)), ca.simplify(ca.jacobian(law, v))
 
 
-def _factors_in_balances(force: InternalForce, flat: FlatModel) -> tuple[tuple[str, str], ...]:
+def _factors_in_balances(force: InternalForce, flat: FlatModel) -> dict[str, str]:
     """Of a force that stands in the balances: the only parameter that multiplies the relative position there,
     and the only one that multiplies the relative speed."""
     motions: dict[str, ca.SX] = {}
@@ -295,7 +305,7 @@ def _factors_in_balances(force: InternalForce, flat: FlatModel) -> tuple[tuple[s
         rates = ca.vertcat(*(flat.derivatives[body.position] for body in moving))
         law = ca.substitute(law, rates, ca.vertcat(*(flat.xi[body.variable] for body in moving)))
     terms = ca.jacobian(law, flat.theta)
-    found = []
+    found = {}
     for name, motion in motions.items():
         own = [
             k
@@ -303,8 +313,8 @@ def _factors_in_balances(force: InternalForce, flat: FlatModel) -> tuple[tuple[s
             if not terms[k].is_zero() and are_same(flat, terms[k], motion, flat.theta_values)
         ]
         if len(own) == 1:
-            found.append((name, flat.parameter_names[own[0]]))
-    return tuple(found)
+            found[name] = flat.parameter_names[own[0]]
+    return found
 
 
 def _in_balances(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
