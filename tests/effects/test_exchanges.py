@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from effect_rig import in_steps
 from scipy.integrate import solve_ivp
 
 from daest.errors import ModelError
@@ -162,3 +163,21 @@ end Walled;
     for model in (attach(flat, effect, site, values={"G": 0.5}), made.flat):
         at = model.output_names.index("T")
         np.testing.assert_allclose(simulate(model, drive).outputs[-1, at], expected, rtol=1e-6)
+
+
+def test_places_of_an_output_are_those_of_the_variable_behind_it_once_a_sensor_bends_it(tmp_path):
+    """What a sensor shows is no level any more: an outlet of the lower tank goes by the level itself."""
+    steps = [
+        ("Signals.Saturation", "h2", {"limit": 0.3}),
+        ("Hydraulic.FreeOutlet", "1:h2", {"k": 0.2}),
+        ("Hydraulic.Weir", "0:h1, 1:h2", {"k": 0.7, "p_max": 0.5}),
+    ]
+    path = tmp_path / "Tanks.mo"
+    path.write_text(TANKS)
+    expected, made = in_steps(tmp_path, path, "Tanks", steps)
+    drive = (np.linspace(0.0, 5.0, 41), np.full((41, 1), 0.5))
+    np.testing.assert_allclose(
+        simulate(made.flat, drive).outputs[-1], simulate(expected, drive).outputs[-1], rtol=1e-5
+    )
+    with pytest.raises(ModelError, match="fits at"):
+        find_site(made.flat, "1:h2", find_effect("Signals.Drift"))

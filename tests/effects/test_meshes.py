@@ -98,7 +98,7 @@ def test_current_without_a_variable_is_a_place(tmp_path, form, class_name, value
     path.write_text(f"{HEAD}equation\n  {WRITTEN_OUT[form]}\nend Motor;\n")
     flat, effect = compile_model(path), find_effect(f"Electrical.{class_name}")
     (site,) = [s for s in sites(flat) if s.kind == "mesh"]
-    assert site.name.endswith(":u/R")
+    assert site.name.endswith(":R")
     assert fits(effect, site)
     drive = (np.linspace(0.0, 0.3, 31), np.full((31, 1), 5.0))
     written = extend_model(path, None, effect, site, values=values)

@@ -37,7 +37,7 @@ class Mesh:
     """Row `row` with the current that is unknown `variable`. `sign` is the factor with which a voltage
     against the current enters the residual where the terms are voltages. Where they are currents or rates,
     the voltage is taken off the `source`, a voltage of the row: its name and its symbol. A current that the
-    row holds without a variable, as in `J*der(w) = k*(u - k*w)/R`, is `written_out`, and called `u/R`. In the
+    row holds without a variable, as in `J*der(w) = k*(u - k*w)/R`, is `written_out`, and called `R`. In the
     hydraulic domain read pressure, or head, and flow for voltage and current."""
 
     domain: Domain
@@ -57,8 +57,7 @@ class Mesh:
         if self.variable is not None:
             return flat.unknowns[self.variable].name
         assert self.written_out is not None
-        assert self.source is not None
-        return f"{self.source[0]}/{self.written_out.resistance}"
+        return self.written_out.resistance
 
     def current(self, flat: FlatModel, drop: ca.SX) -> ca.SX:
         """The current while the voltage `drop` is taken off the source."""

@@ -42,6 +42,7 @@ from daest.modelica.outline import (
     offset_of,
 )
 from daest.modelica.place_units import balance_entry
+from daest.modelica.sites import BEHIND_OUTPUT
 
 _TERMS: dict[Domain, tuple[str, str, str]] = {
     "translational": ("Force", "s", "flange"),
@@ -326,7 +327,7 @@ def opened_output(source: bytes, flat: FlatModel, name: str, taken: Iterable[str
     starts = [i for i, w in enumerate(words) if w.text == name and i != at and _begins(words, i)]
     is_equation = len(starts) == 1 and words[starts[0] + 1].text == "=" and _stands_alone(words, starts[0])
     if not is_equation or len(uses) > 1:
-        inner = free_name(f"{name}_actual", taken)
+        inner = free_name(f"{name}{BEHIND_OUTPUT}", taken)
         return edited(source, _with_variable_behind(source, words, at, inner, uses))
     _, right = _sides(words, words[starts[0]].start)
     statement = _statement(words, starts[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from daest.near import did_you_mean
 _TOLERANCE = 1e-9
 # Exchange between bodies that no component joins is plausible in these domains (air, radiation, leaks).
 _PAIRED: tuple[Domain, ...] = ("thermal", "hydraulic")
+BEHIND_OUTPUT = "_actual"  # ends the name of the variable that equations hold behind an output
 _MOST_LISTED = 12  # places in a message
 _SIGNALS: dict[str, tuple[str, ...]] = {  # what is attached to a signal of each kind
     "input": ("signal", "input"),
@@ -226,7 +228,8 @@ def fits(effect: Effect, site: Site) -> bool:
 def find_site(flat: Model, name: str, effect: Effect | None = None, number: int = 0) -> Site:
     """The place called `name` (a site, one of its aliases, or two connectors `a, b`), where `effect` fits if
     it is given: a component means its first connector to an effect in series. Of a bare equation that has
-    another row than its name tells, `number` counts among those for the same variable (`number_of`).
+    another row than its name tells, `number` counts among those for the same variable (`number_of`). What
+    has been put before an output has left the equations the variable behind it.
 
     Raises ModelError `effect-place` for an unknown place with the nearest names, `effect-fit` for one where
     the effect does not fit, with the places where it does.
@@ -246,14 +249,23 @@ def find_site(flat: Model, name: str, effect: Effect | None = None, number: int 
         found += [s for s in own if wanted == s.name] or alike[number : number + 1] or alike
     if effect is not None and effect.attach == "series":
         found += _first_connector(found, known)
-    if not found:
-        raise _unknown(name, known, effect)
-    if effect is None:
-        return found[0]
-    fitting = [site for site in found if fits(effect, site)]
-    if not fitting:
+    fitting = found if effect is None else [site for site in found if fits(effect, site)]
+    if fitting:
+        return fitting[0]
+    behind = _behind_outputs(flat, wanted)
+    if behind != wanted:
+        return find_site(flat, behind, effect, number)
+    if found and effect is not None:
         raise _unfit(effect, found[0], known)
-    return fitting[0]
+    raise _unknown(name, known, effect)
+
+
+def _behind_outputs(flat: Model, name: str) -> str:
+    """The name of a place with the variables that equations hold since something stands before an output."""
+    inner = {y.name: f"{y.name}{BEHIND_OUTPUT}" for y in flat.outputs}
+    known = {x.name for x in flat.unknowns} if isinstance(flat, FlatModel) else set()
+    parts = re.split(r"([^\w.]+)", name)
+    return "".join(inner[part] if inner.get(part) in known else part for part in parts)
 
 
 def number_of(flat: Model, site: Site, effect: Effect) -> int:
