@@ -17,6 +17,8 @@ model Bare
   parameter Real m(unit = "kg") = 1;
   parameter Real k(unit = "N.m/A") = 1;
   parameter Real C(unit = "J/K") = 100;
+  parameter Real C2(unit = "J/K") = 300;
+  parameter Real Rth(unit = "K/W") = 2;
   parameter Real plain = 1;
   input Real u(unit = "V");
   input Real bare;
@@ -32,6 +34,8 @@ model Bare
   Real T2(unit = "K");
   Real T3(unit = "K");
   Real T4(unit = "K");
+  Real T5(unit = "K");
+  Real T6(unit = "K");
 equation
   y = v;
   (J*n^2 + 0.5*m*l^2)*der(w1) = u - w1;
@@ -45,6 +49,8 @@ equation
   der(T2) = -T2;
   der(T3) = -(T3 - T4/l)/(0.001*2*C*n^2);
   der(T4) = 1/C*(T3 - T4) - T4/C/k;
+  der(T5) = (T4 - T5)/(plain*Rth*C) - 1/(Rth*C)*T5;
+  der(T6) = (T5 - T6)/(Rth*C) - T6/(Rth*C2);
 end Bare;
 """
 
@@ -71,7 +77,7 @@ def test_equations_that_tell_the_unit_of_their_terms(flat) -> None:
 
 def test_a_load_has_the_unit_of_the_flows_where_the_equation_tells_it(flat) -> None:
     found = {site.name: flow_unit(flat, site) for site in sites(flat) if site.kind == "equation"}
-    known = {"0:w1": "N.m", "1:w2": "N.m", "6:v": "N", "7:T": "W", "9:T3": "W", "10:T4": "W"}
+    known = {"0:w1": "N.m", "1:w2": "N.m", "6:v": "N", "7:T": "W", "9:T3": "W", "10:T4": "W", "11:T5": "W"}
     assert {name: unit for name, unit in found.items() if unit} == known and len(found) > len(known)
 
 

@@ -61,6 +61,12 @@ def divisors(expression: ca.SX) -> Iterator[ca.SX]:
         left += parts
 
 
+def factors(product: ca.SX) -> Iterator[ca.SX]:
+    """The factors of a product, of a product of products all."""
+    for part in (product.dep(i) for i in range(product.n_dep())) if product.op() == ca.OP_MUL else (product,):
+        yield from factors(part) if part.op() == ca.OP_MUL else (part,)
+
+
 def sum_around(expression: ca.SX, symbol: ca.SX) -> ca.SX | None:
     """The largest sum within a scalar expression that a symbol is a term of, which stands once in it; None
     where it stands several times, or where nothing is done with the sum."""

@@ -13,7 +13,7 @@ from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
 from daest.modelica.balances import LEVEL, Balance, balances
 from daest.modelica.connectors import MASS_FLOW, connectors_of
-from daest.modelica.factors import ONE, Entry, are_same, divisors
+from daest.modelica.factors import ONE, Entry, are_same, divisors, factors
 from daest.quantities import dimensions
 
 _FLOWS: dict[Domain, str] = {
@@ -123,14 +123,15 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
     need["[time]"] = need.get("[time]", 0.0) + 1.0
     if _slope_has(flat, balance.row, balance.rate, need):
         return ONE
-    storages: list[ca.SX] = []
     moving = ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
-    for one in divisors(flat.residual[balance.row]):
-        if ca.depends_on(one, moving) or any(are_same(flat, one, other) for other in storages):
-            continue
-        if _slope_has(flat, balance.row, balance.rate, need, one):
-            storages.append(one)
-    return 1.0 / storages[0] if len(storages) == 1 else None
+    over = [one for one in divisors(flat.residual[balance.row]) if not ca.depends_on(one, moving)]
+    # A time constant R*C, too, has the storage in it.
+    for found in (over, [factor for one in over for factor in factors(one)]):
+        storages = [one for one in found if _slope_has(flat, balance.row, balance.rate, need, one)]
+        if storages:
+            is_one = all(are_same(flat, one, storages[0]) for one in storages)
+            return 1.0 / storages[0] if is_one else None
+    return None
 
 
 def balance_entry(flat: FlatModel, balance: Balance) -> Entry:
