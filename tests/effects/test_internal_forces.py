@@ -257,7 +257,55 @@ def test_effect_behind_a_gear_acts_on_either_side_by_its_ratio(tmp_path, text, c
 )
 def test_parameters_of_two_bodies_that_are_no_force_between_them(terms):
     text = f"{HEAD}{MOTION}  m1*der(v1) = u {terms[0]};\n  m2*der(v2) = 0 {terms[1]};\nend Two;\n"
-    assert not [s for s in sites(compile_text(text.encode(), Path("Two.mo"))) if s.kind == "force"]
+    assert not [
+        s
+        for s in sites(compile_text(text.encode(), Path("Two.mo")))
+        if s.kind == "force" and not s.is_grounded
+    ]
+
+
+HUNG = """model Hung
+  parameter Real m(unit = "kg") = 2;
+  parameter Real c(unit = "N/m") = 40;
+  parameter Real d(unit = "N.s/m") = 0.5;
+  input Real u(unit = "N");
+  output Real y1(unit = "m") = s;
+  output Real y2(unit = "m/s") = v;
+  Real s(unit = "m", start = 0, fixed = true);
+  Real v(unit = "m/s", start = 0, fixed = true);
+equation
+  der(s) = v;
+  m*der(v) = u - c*s - d*v;
+end Hung;
+"""
+
+
+@pytest.mark.parametrize(
+    "text",
+    [HUNG, HUNG.replace("m*der(v) = u - c*s - d*v", "der(v) = u/m - c/m*s - d/m*der(s)")],
+    ids=["balance", "rates"],
+)
+def test_play_of_a_spring_that_hangs_on_what_does_not_move(tmp_path, text):
+    """What acts on the body alone has its place at the body, not beside the spring."""
+    path = tmp_path / "Hung.mo"
+    path.write_text(text)
+    flat, effect = compile_model(path), find_effect("Translational.Backlash")
+    (site,) = [s for s in sites(flat) if s.kind == "force"]
+    assert site.is_grounded
+    assert site.given == {"c": "c", "d": "d"}
+    assert not fits(find_effect("Translational.CoulombFriction"), site)
+    values = {"gap": 0.02, "s_s": 1e-3}
+
+    def rate(_, state):
+        s, v = state
+        return [v, (1.5 - 40 * s - 0.5 * v - play(s, v)) / 2]
+
+    expected = solve_ivp(rate, (0.0, 2.0), [0.0] * 2, method="LSODA", rtol=1e-9, atol=1e-12).y[:, -1]
+    for model in (
+        attach(flat, effect, site, values=values),
+        extend_model(path, None, effect, find_site(flat, site.name, effect), values=values).flat,
+    ):
+        np.testing.assert_allclose(simulated(model), expected, rtol=1e-5)
 
 
 def test_effects_at_a_body_and_beside_a_force_share_the_storage_they_are_over(tmp_path):
@@ -317,7 +365,11 @@ def test_what_is_no_force_between_bodies_is_no_place():
     """A weight acts on both with one sign, a drag on one alone, and a ratio is not a force."""
     text = HEAD + MOTION
     text += "  m1*der(v1) = u - d*v1 - m1*c;\n  m2*der(v2) = -m2*c;\nend Two;\n"
-    assert not [s for s in sites(compile_text(text.encode(), Path("Two.mo"))) if s.kind == "force"]
+    assert not [
+        s
+        for s in sites(compile_text(text.encode(), Path("Two.mo")))
+        if s.kind == "force" and not s.is_grounded
+    ]
 
 
 def test_factor_that_is_no_parameter_cannot_be_written(tmp_path):

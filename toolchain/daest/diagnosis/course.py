@@ -25,7 +25,6 @@ from daest.diagnosis.reasons import is_significant
 from daest.diagnosis.rivals import (
     DynamicFits,
     best_dynamic,
-    held_at_bounds,
     kinked_elsewhere,
     no_richer_ones,
     not_begun_by,
@@ -36,6 +35,7 @@ from daest.diagnosis.rivals import (
     signal_laws,
     simpler_laws,
     simplest_first,
+    with_held_shapes,
 )
 from daest.diagnosis.search import Search
 from daest.diagnosis.slow_loads import said_by_loads
@@ -136,7 +136,7 @@ class Course:
 
     def _with_simpler_laws(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with parts of the most likely one where that is refused, and with those that bend a
-        signal as the accepted one does, or without the shapes of a refused one that came to their bounds."""
+        signal as the accepted one does, or without shapes of a refused one that the data do not show."""
         found = self.screens[0]
         best = most_likely(proofs)
         if best is not None and best.verdict == "rejected":
@@ -146,7 +146,7 @@ class Course:
         if best is not None:
             proofs += stages.proved(stages.prepared(signal_laws(best, found, proofs)), ())[0]
             return proofs
-        held = held_at_bounds(self.stand.null, proofs)
+        held = with_held_shapes(self.stand.null, proofs)
         again = stages.proved([] if held is None else [held], ())[0]
         accepted = {p.candidate.name: p for p in again if p.verdict != "rejected"}
         return [accepted.get(p.candidate.name, p) for p in proofs]

@@ -128,16 +128,25 @@ def without_form(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why the law is not what its name says, where a length or speed over which it has its form is so large
     that the recordings show a part of the form alone, which may belong to any other: a third of a period is a
     cubic spring beside a constant force. Empty where it is not."""
+    for name, (value, most) in unseen_scales(model, candidate, told).items():
+        return f"the recordings (to {most:.4g}) show too little of its form ({name} = {value:.4g})"
+    return ""
+
+
+def unseen_scales(model: Null, candidate: Candidate, told: FitResult) -> dict[str, tuple[float, float]]:
+    """The lengths and speeds over which the law has its form that are far beyond what the recordings reach:
+    by name the value and that reach."""
     scaled = [p for p in scaled_shapes(candidate) if not _is_place(p)]
-    reached = (
-        largest_values(grown(model, model.flat, model.explicit, told, model.experiments)) if scaled else {}
-    )
+    if not scaled:
+        return {}
+    reached = largest_values(grown(model, model.flat, model.explicit, told, model.experiments))
+    found = {}
     for p in scaled:
         value = abs(told.theta[f"{candidate.name}.{p.name}"])
         most = reached.get(scaled_by(candidate, p), np.inf)
         if value > GATES.max_scale * most:
-            return f"the recordings (to {most:.4g}) show too little of its form ({p.name} = {value:.4g})"
-    return ""
+            found[p.name] = (value, most)
+    return found
 
 
 def out_of_reach(model: Null, candidate: Candidate, told: FitResult) -> str:

@@ -21,6 +21,7 @@ from daest.diagnosis.dead_times import DELAY, SHIFTS, best_shift
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, period_of
 from daest.diagnosis.proof import bic_gain
+from daest.diagnosis.reasons import unseen_scales
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.trials import SHARPER, Prepared, Trial
@@ -364,17 +365,45 @@ def rounded(null: Null, proofs: Sequence[Proof]) -> tuple[Prepared, ...]:
     return tuple(found)
 
 
-def held_at_bounds(null: Null, proofs: Sequence[Proof]) -> Prepared | None:
-    """Of laws that were refused since a shape of theirs came to its bound the likeliest, once more with that
-    held there, and with it what the data no longer know: bristles whose friction is no larger at low speed
-    are the model of Dahl. None where there is none."""
+def with_held_shapes(null: Null, proofs: Sequence[Proof]) -> Prepared | None:
+    """Of laws that were refused for shapes of theirs the likeliest, once more with these held: a shape that
+    came to its bound there, with it what the data no longer know (bristles whose friction is no larger at low
+    speed are the model of Dahl); a scale of which the recordings show too little, with numbers that count for
+    something on that scale alone as the law declares them. None where there is none."""
     refused = [p for p in proofs if p.verdict == "rejected" and p.delta_bic > GATES.min_bic_gain]
-    bounded = [p for p in refused if any(shape.at_bound for shape in _fitted_shapes(p).values())]
-    proof = max(bounded, key=lambda p: p.delta_bic, default=None)
-    if proof is None:
-        return None
+    for proof in sorted(refused, key=lambda p: -p.delta_bic):
+        held = _at_bounds(proof) or _without_unseen_scales(null, proof)
+        if held:
+            return _with_held(null, proof, held)
+    return None
+
+
+def _at_bounds(proof: Proof) -> dict[str, float]:
+    shapes = _fitted_shapes(proof)
+    if not any(shape.at_bound for shape in shapes.values()):
+        return {}
+    return {n: p.value for n, p in shapes.items() if p.at_bound or p.std_error is None}
+
+
+def _without_unseen_scales(null: Null, proof: Proof) -> dict[str, float]:
+    """Empty too where no number of the law has a value that does away with the scale: it is then no other
+    law, and refused again."""
+    candidate, shapes = proof.candidate, _fitted_shapes(proof)
+    numbers = {
+        p.name: p.start
+        for p in candidate.effect.parameters
+        if p.name in shapes and not p.scale_of and not p.periods_over and p.start == 0.0
+    }
+    if not numbers:
+        return {}
+    flat = with_equations(proof.flat, "a refit")
+    model = replace(null, flat=flat, explicit=reduce_index(flat))
+    scales = unseen_scales(model, candidate, proof.told)
+    return {name: value for name, (value, _) in scales.items()} | numbers if scales else {}
+
+
+def _with_held(null: Null, proof: Proof, held: Mapping[str, float]) -> Prepared:
     candidate = proof.candidate
-    held = {n: p.value for n, p in _fitted_shapes(proof).items() if p.at_bound or p.std_error is None}
     parameters = tuple(
         replace(p, estimate=p.estimate and p.name not in held) for p in candidate.effect.parameters
     )

@@ -7,7 +7,10 @@ speed which is the sum of -a*v: for the spring above v1 - v2, for a belt on two 
 
 What a body stands on may be moved by an input, as a wheel by the road in `F = c*(z - road)`: the force then
 goes with the motion relative to that, z - road, and one body is enough. Where the speed of the body comes in
-without that of the input, as in `u = kp*(r - phi) - kd*w`, it may be the command of a controller as well."""
+without that of the input, as in `u = kp*(r - phi) - kd*w`, it may be the command of a controller as well.
+
+A spring or a damper to what does not move has its place in the balance of the body: for what changes it, as
+a play does. What acts on the body alone is a term of the balance itself."""
 
 from __future__ import annotations
 
@@ -66,6 +69,11 @@ class InternalForce:
         return [flat.inputs[i].name for i, _ in self.ground]
 
     @property
+    def is_grounded(self) -> bool:
+        """Whether it acts between one body and what does not move."""
+        return len(self.bodies) == 1 and not self.ground
+
+    @property
     def has_positions(self) -> bool:
         """Whether every body has a position, or the deflection is known; else the speeds alone are."""
         return self.deflection is not None or all(body.position >= 0 for body, _ in self.bodies)
@@ -115,8 +123,8 @@ class InternalForce:
 
 
 def internal_forces(flat: FlatModel) -> list[InternalForce]:
-    """Forces between bodies, or between one and what an input moves, in the model's own equations: one of
-    those that the same motion drives."""
+    """Forces between bodies, or between one and what an input moves or what does not move, in the model's own
+    equations: one of those that the same motion drives."""
     bodies = [b for b in balances(flat) if b.domain(flat) in _FORCES]
     if not bodies:
         return []
@@ -125,6 +133,7 @@ def internal_forces(flat: FlatModel) -> list[InternalForce]:
         *_given_by_equations(flat, bodies),
         *_in_balances(flat, bodies),
         *_on_moved_ground(flat, bodies),
+        *_on_fixed_ground(flat, bodies),
     ):
         same = next((i for i, other in enumerate(found) if _is_same_motion(force, other, flat)), None)
         if same is None:
@@ -396,6 +405,19 @@ def _on_moved_ground(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[Int
                 deflection = _deflection(flat, own, ground)
                 entries = (Entry(body.row, body.sign, factor),)
                 yield InternalForce(domain, own, entries, None, ground, deflection)
+
+
+def _on_fixed_ground(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
+    """Springs and dampers between a body and what does not move: a parameter multiplies the position of the
+    body, or its speed, in its balance."""
+    for body in bodies:
+        factor, domain = flow_factor(flat, body), body.domain(flat)
+        if factor is None or domain is None or body.position < 0:
+            continue
+        own = ((body, ca.SX(1.0)),)
+        force = InternalForce(domain, own, (Entry(body.row, body.sign, factor),))
+        if _factors_in_balances(force, flat):
+            yield force
 
 
 def _is_same_motion(one: InternalForce, other: InternalForce, flat: FlatModel) -> bool:

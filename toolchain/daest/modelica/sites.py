@@ -197,6 +197,7 @@ def _forces(flat: FlatModel) -> list[Site]:
             force.domain,
             aliases=force.aliases(flat),
             parameters=force.coefficients(flat),
+            is_grounded=force.is_grounded,
         )
         for force in internal_forces(flat)
     ]
@@ -218,8 +219,9 @@ def fits(effect: Effect, site: Site) -> bool:
         return effect.attach == "connector"
     if site.kind in ("connector", "mesh", "terminal"):
         return effect.attach == "series"
-    if effect.attach == "connector":
-        return effect.has_support and site.kind in ("component", "force")
+    if effect.attach == "connector":  # beside a spring to what does not move it would be one at the body
+        is_apart = site.kind == "component" or (site.kind == "force" and not site.is_grounded)
+        return effect.has_support and is_apart
     return effect.attach == "parallel" and all(
         not p.required or p.given_from in site.given for p in effect.parameters
     )
