@@ -12,6 +12,7 @@ from hidden_plants import (
     PERIOD,
     library,
     model,
+    rotor_null,
     rotor_record,
     some_effects,
     torque_steps,
@@ -28,12 +29,16 @@ from daest.diagnosis.examine import _told_by_rest
 from daest.diagnosis.holds import says_more, unsettled_hold
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.rivals import _without_unseen_scales
 from daest.diagnosis.stages import Stages
 from daest.diagnosis.trials import Prepared
 from daest.errors import EstimationError
 from daest.estimation.records import part_of
-from daest.model.diagnosis import FreeForm
+from daest.model.diagnosis import Candidate, FreeForm
 from daest.model.experiment import Experiment
+from daest.modelica.attach import attach
+from daest.modelica.effects import find_effect
+from daest.modelica.sites import sites
 from daest.report.diagnosis_figures import diagnosis_figure
 
 STATIC = (
@@ -159,6 +164,28 @@ def test_bristles_are_named_without_the_excess_that_they_do_not_have():
     assert "b" not in values and "w_st" not in values
     for name, true in (("tau_c", 0.15), ("phi_b", 0.3)):
         assert abs(values[name].value - true) < 3.0 * values[name].std_error < 0.3 * true
+
+
+@pytest.mark.parametrize(
+    ("unseen", "held"),
+    [(("w_st",), {"w_st": 0.1, "b": 0.0}), (("phi_b", "w_st"), {}), ((), {})],
+    ids=["excess", "bristles", "none"],
+)
+def test_law_goes_on_without_a_scale_that_the_recordings_do_not_show(monkeypatch, unseen, held):
+    """What is larger at low speed is nothing where no speed is high; bristles are not bristles without their
+    deflection."""
+    null = rotor_null(rotor_record(200, seed=21)[0])[0]
+    effect = find_effect("Rotational.LuGreFriction")
+    (site,) = [s for s in sites(null.flat) if s.name == "rotor.flange_a" and s.kind == "node"]
+    candidate = Candidate(effect, site, "effect_1", {"phi_b": 0.3, "b": 0.5, "w_st": 0.1})
+    values = {"tau_c": 0.1, "phi_b": 0.3, "b": 0.06, "w_st": 0.1}
+    flat = attach(null.flat, effect, site, "effect_1", values)
+    fitted = [replace(null.fit.parameters[0], name=f"effect_1.{n}", value=v) for n, v in values.items()]
+    fit = replace(null.fit, parameters=tuple(fitted))
+    proof = SimpleNamespace(candidate=candidate, flat=flat, fit=fit, told=fit)
+    found = {name: (values[name], 0.01) for name in unseen}
+    monkeypatch.setattr("daest.diagnosis.rivals.unseen_scales", lambda *_: found)
+    assert _without_unseen_scales(null, proof) == held
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 
+import casadi as ca
 import numpy as np
 
 from daest.diagnosis.candidates import with_shapes
@@ -386,20 +387,23 @@ def _at_bounds(proof: Proof) -> dict[str, float]:
 
 
 def _without_unseen_scales(null: Null, proof: Proof) -> dict[str, float]:
-    """Empty too where no number of the law has a value that does away with the scale: it is then no other
-    law, and refused again."""
+    """The scales of which the recordings show too little, with the numbers at which the law does without
+    them; empty where it needs one of them at any value of these."""
     candidate, shapes = proof.candidate, _fitted_shapes(proof)
+    declared = {p.name: p for p in candidate.effect.parameters if p.name in shapes}
     numbers = {
-        p.name: p.start
-        for p in candidate.effect.parameters
-        if p.name in shapes and not p.scale_of and not p.periods_over and p.start == 0.0
+        name: 0.0 for name, p in declared.items() if p.start == 0.0 and not p.scale_of and not p.periods_over
     }
     if not numbers:
         return {}
     flat = with_equations(proof.flat, "a refit")
     model = replace(null, flat=flat, explicit=reduce_index(flat))
-    scales = unseen_scales(model, candidate, proof.told)
-    return {name: value for name, (value, _) in scales.items()} | numbers if scales else {}
+    scales = {name: value for name, (value, _) in unseen_scales(model, candidate, proof.told).items()}
+    symbols = dict(zip(flat.parameter_names, ca.vertsplit(flat.theta), strict=True))
+    given = ca.vertcat(*(symbols[f"{candidate.name}.{name}"] for name in numbers))
+    without = ca.substitute(flat.residual, given, ca.SX.zeros(given.numel()))
+    needed = [name for name in scales if ca.depends_on(without, symbols[f"{candidate.name}.{name}"])]
+    return {} if needed or not scales else {**scales, **numbers}
 
 
 def _with_held(null: Null, proof: Proof, held: Mapping[str, float]) -> Prepared:

@@ -9,8 +9,8 @@ What a body stands on may be moved by an input, as a wheel by the road in `F = c
 goes with the motion relative to that, z - road, and one body is enough. Where the speed of the body comes in
 without that of the input, as in `u = kp*(r - phi) - kd*w`, it may be the command of a controller as well.
 
-A spring or a damper to what does not move has its place in the balance of the body: for what changes it, as
-a play does. What acts on the body alone is a term of the balance itself."""
+A spring to what does not move has its place in the balance of the body: for what changes it, as a play does.
+What acts on the body alone is a term of the balance itself."""
 
 from __future__ import annotations
 
@@ -408,15 +408,15 @@ def _on_moved_ground(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[Int
 
 
 def _on_fixed_ground(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
-    """Springs and dampers between a body and what does not move: a parameter multiplies the position of the
-    body, or its speed, in its balance."""
+    """Springs between a body and what does not move: a parameter multiplies the position of the body in its
+    balance."""
     for body in bodies:
         factor, domain = flow_factor(flat, body), body.domain(flat)
         if factor is None or domain is None or body.position < 0:
             continue
         own = ((body, ca.SX(1.0)),)
         force = InternalForce(domain, own, (Entry(body.row, body.sign, factor),))
-        if _factors_in_balances(force, flat):
+        if "c" in _factors_in_balances(force, flat):
             yield force
 
 
