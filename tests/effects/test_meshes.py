@@ -190,12 +190,19 @@ end Pipe;
 """
 
 
-def test_orifice_is_put_in_series_in_a_pipe(tmp_path):
+PIPE_RATE = PIPE.replace("L*der(q) = p - pv - R*q", "der(q) = (p0 - pv - R*q)/L").replace(
+    "equation\n", '  Real p0(unit = "Pa") = p;\nequation\n'
+)
+
+
+@pytest.mark.parametrize("text", [PIPE, PIPE_RATE], ids=["sum", "rate"])
+def test_orifice_is_put_in_series_in_a_pipe(tmp_path, text):
     path, k = tmp_path / "Pipe.mo", 4e9
-    path.write_text(PIPE)
+    path.write_text(text)
     flat, effect = compile_model(path), find_effect("Hydraulic.Orifice")
     (site,) = [s for s in sites(flat) if s.kind == "mesh"]
-    assert (site.name, site.domain) == ("0:q", "hydraulic") and fits(effect, site)
+    assert (site.name.partition(":")[2], site.domain) == ("q", "hydraulic")
+    assert fits(effect, site)
     assert not fits(find_effect("Electrical.BrushVoltageDrop"), site)
 
     def flowing(k):

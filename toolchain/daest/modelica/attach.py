@@ -466,7 +466,7 @@ class _Assembly:
         first, second = member.effect.connectors
         voltage, symbol = member.local(first, 0)
         if place.source is None:
-            self._add_term(Entry(place.row, place.sign), voltage, symbol)
+            self._add_term(Entry(place.row, place.sign, place.factor), voltage, symbol)
         else:
             source, source_symbol = place.source
             old = self.equations[place.row]

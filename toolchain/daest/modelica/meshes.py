@@ -13,8 +13,8 @@ import numpy as np
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.modelica.balances import own_laws, slopes_near_start
-from daest.modelica.factors import are_same, sum_around, variables_text
-from daest.modelica.place_units import has_drop, has_unit, is_of_heads
+from daest.modelica.factors import ONE, are_same, sum_around, variables_text
+from daest.modelica.place_units import has_drop, has_unit, is_of_heads, parts_divided_by
 from daest.modelica.terminals import CURRENT, VOLTAGE
 from daest.quantities import is_of
 
@@ -36,7 +36,8 @@ class WrittenOut(NamedTuple):
 class Mesh:
     """Row `row` with the current that is unknown `variable`. `sign` is the factor with which a voltage
     against the current enters the residual where the terms are voltages. Where they are currents or rates,
-    the voltage is taken off the `source`, a voltage of the row: its name and its symbol. A current that the
+    the voltage is taken off the `source`, a voltage of the row: its name and its symbol; where several stand
+    there, the `factor` is what the voltage is multiplied by. A current that the
     row holds without a variable, as in `J*der(w) = k*(u - k*w)/R`, is `written_out`, and called `R`. In the
     hydraulic domain read pressure, or head, and flow for voltage and current."""
 
@@ -46,6 +47,7 @@ class Mesh:
     sign: float
     source: tuple[str, ca.SX] | None = None
     written_out: WrittenOut | None = None
+    factor: ca.SX = ONE
 
     def name(self, flat: FlatModel) -> str:
         return f"{self.row}:{self.current_name(flat)}"
@@ -107,21 +109,29 @@ def _mesh(flat: FlatModel, slopes: np.ndarray, row: int, domain: Domain, current
         return None
     sign = float(np.sign(slopes[row, at]))
     voltage, unit = UNITS[domain]
-    if has_drop(flat, row, current, voltage, unit) or (
-        domain == "hydraulic" and is_of_heads(flat, row, current)
-    ):
+    if _is_sum(flat, row, current, domain):
         return Mesh(domain, row, current, sign)
     others = np.delete(slopes[row], at)
     rates, source = others[flat.n - (at < flat.n) :], _source(flat, row, voltage)
     # `C*der(v) = i - v/R` and `i = i1 + v/R` are sums of currents.
-    if source is None or np.any(rates) or _holds_current(flat, row, current, unit):
+    if np.any(rates) or _holds_current(flat, row, current, unit):
         return None
+    if source is None:
+        over = [one for one in parts_divided_by(flat, row)[0] if _is_sum(flat, row, current, domain, one)]
+        return Mesh(domain, row, current, sign, factor=1.0 / over[0]) if over else None
     slope = ca.jacobian(flat.residual[row], source[1])
     moving = ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
     if ca.depends_on(slope, moving):
         return None
     value = float(ca.Function("slope", [flat.theta], [slope])(flat.theta_values))
     return Mesh(domain, row, current, sign, source) if np.sign(value) == -sign else None
+
+
+def _is_sum(flat: FlatModel, row: int, current: int, domain: Domain, times: ca.SX = ONE) -> bool:
+    """Whether the row, `times` what it is divided by, is a sum of voltages, pressures or heads."""
+    voltage, unit = UNITS[domain]
+    is_of_levels = domain == "hydraulic" and is_of_heads(flat, row, current, times)
+    return is_of_levels or has_drop(flat, row, current, voltage, unit, times)
 
 
 def _written_out(flat: FlatModel, row: int, resistance: int) -> Mesh | None:

@@ -125,7 +125,7 @@ def opened_mesh(source: bytes, flat: FlatModel, mesh: Mesh, taken: Iterable[str]
     kind, flow = _IN_SERIES[mesh.domain]
     term = _Term(name, f"{kind} {name}({flow} = {current})", about)
     if mesh.source is None:
-        return _with_terms(source, flat, (Entry(mesh.row, mesh.sign),), term), name
+        return _with_terms(source, flat, (Entry(mesh.row, mesh.sign, mesh.factor),), term), name
     voltage, _ = mesh.source
     row = _row_at(source, flat, mesh.row)
     uses = _uses([*row.left, *row.right], voltage, -1)

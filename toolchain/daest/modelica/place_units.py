@@ -56,8 +56,9 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
     if site.connectors and _carries_mass(flat, site):
         return {p.name: _of_mass(p.unit) for p in effect.parameters}
     if site.kind == "mesh" and site.domain == "hydraulic":
-        row, name = site.name.split(":", 1)
-        if is_of_heads(flat, int(row), [x.name for x in flat.unknowns].index(name)):
+        number, name = site.name.split(":", 1)
+        row, flow = int(number), flat.unknown_names.index(name)
+        if any(is_of_heads(flat, row, flow, one) for one in (ONE, *parts_divided_by(flat, row)[0])):
             return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
     return {p.name: p.unit for p in effect.parameters}
 
@@ -123,10 +124,7 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
     need["[time]"] = need.get("[time]", 0.0) + 1.0
     if _slope_has(flat, balance.row, balance.rate, need):
         return ONE
-    moving = ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
-    over = [one for one in divisors(flat.residual[balance.row]) if not ca.depends_on(one, moving)]
-    # A time constant R*C, too, has the storage in it.
-    for found in (over, [factor for one in over for factor in factors(one)]):
+    for found in parts_divided_by(flat, balance.row):
         storages = [one for one in found if _slope_has(flat, balance.row, balance.rate, need, one)]
         if storages:
             is_one = all(are_same(flat, one, storages[0]) for one in storages)
@@ -140,21 +138,30 @@ def balance_entry(flat: FlatModel, balance: Balance) -> Entry:
     return Entry(balance.row, balance.sign, ONE if factor is None else factor)
 
 
-def has_drop(flat: FlatModel, row: int, flow: int, drop: str, unit: str) -> bool:
-    """Whether an equation is a sum of terms of the unit `drop` along a path of the unknown `flow` of that
-    `unit`, as the units of the variables and parameters before the flow, or before its rate, tell: of one of
-    them, since a number that stands for a density hides the unit of the other."""
+def has_drop(flat: FlatModel, row: int, flow: int, drop: str, unit: str, times: ca.SX = ONE) -> bool:
+    """Whether an equation, `times` an expression, is a sum of terms of the unit `drop` along a path of the
+    unknown `flow` of that `unit`, as the units of the variables and parameters before the flow, or before its
+    rate, tell: of one of them, since a number that stands for a density hides the unit of the other."""
     for at, over in ((flat.n + flow, f"({drop}).s/({unit})"), (flow, f"({drop})/({unit})")):
         need = dimensions(over)
         assert need is not None
-        if _in_units(flat, _slope(flat, row, at))({}) and _slope_has(flat, row, at, need):
+        if _in_units(flat, _slope(flat, row, at))({}) and _slope_has(flat, row, at, need, times):
             return True
     return False
 
 
-def is_of_heads(flat: FlatModel, row: int, flow: int) -> bool:
-    """Whether the equation is a sum of heads, in meters of the liquid, along a path of the unknown `flow`."""
-    return has_drop(flat, row, flow, LEVEL, _FLOWS["hydraulic"])
+def is_of_heads(flat: FlatModel, row: int, flow: int, times: ca.SX = ONE) -> bool:
+    """Whether the equation, `times` an expression, is a sum of heads, in meters of the liquid, along a path
+    of the unknown `flow`."""
+    return has_drop(flat, row, flow, LEVEL, _FLOWS["hydraulic"], times)
+
+
+def parts_divided_by(flat: FlatModel, row: int) -> tuple[list[ca.SX], list[ca.SX]]:
+    """What an equation is divided by anywhere that only parameters change, and the factors of these: a time
+    constant R*C, too, has the storage in it."""
+    moving = ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
+    over = [one for one in divisors(flat.residual[row]) if not ca.depends_on(one, moving)]
+    return over, [factor for one in over for factor in factors(one)]
 
 
 def has_unit(flat: FlatModel, expression: ca.SX, unit: str) -> bool:
