@@ -41,6 +41,8 @@
  * other, and a step solves several times. Of more, the inverse takes longer than it saves. */
 #define FEW_STATES 16
 #define SAME_STEP 1e-9 /* difference of two steps, relative: that of a time grid by rounding */
+#define KNOWN_STEPS 16 /* lengths of steps whose inverses are kept */
+#define LEAST_GAP 1e-4 /* of an inverse that is changed in one row: below it, four digits would be lost */
 
 enum {
   DONE = 0,
@@ -232,6 +234,39 @@ static int newton_of(Newton *n, const double *slopes, double mu, double mu_re, d
   return invert(n->single) && invert_complex(n->re, n->im);
 }
 
+/* The inverses where the slopes of the rate `row` are others by `change` (NX), by Sherman and Morrison; 0 where that
+ * would lose digits. */
+static int with_row(Newton *n, int row, const double *change) {
+  double by[NX] = {0.0}, by_re[NX] = {0.0}, by_im[NX] = {0.0}, column[3 * ROW];
+  for (int m = 0; m < NX; ++m)
+    for (int c = 0; c < NX && change[m] != 0.0; ++c) {
+      by[c] += change[m] * n->single[c * ROW + m];
+      by_re[c] += change[m] * n->re[c * ROW + m];
+      by_im[c] += change[m] * n->im[c * ROW + m];
+    }
+  double gap = 1.0 - by[row], re = 1.0 - by_re[row], im = -by_im[row], size = re * re + im * im;
+  if (!(fabs(gap) > LEAST_GAP && size > LEAST_GAP * LEAST_GAP)) return 0;
+  memcpy(column, n->single + row * ROW, sizeof(double) * ROW);
+  memcpy(column + ROW, n->re + row * ROW, sizeof(double) * ROW);
+  memcpy(column + 2 * ROW, n->im + row * ROW, sizeof(double) * ROW);
+  for (int c = 0; c < NX; ++c) {
+    double part = by[c] / gap, part_re = (by_re[c] * re + by_im[c] * im) / size,
+           part_im = (by_im[c] * re - by_re[c] * im) / size;
+    for (int q = 0; q < ROW; ++q) {
+      n->single[c * ROW + q] += part * column[q];
+      n->re[c * ROW + q] += part_re * column[ROW + q] - part_im * column[2 * ROW + q];
+      n->im[c * ROW + q] += part_re * column[2 * ROW + q] + part_im * column[ROW + q];
+    }
+  }
+  return 1;
+}
+
+/* Inverses of a length of steps, for the slopes J. */
+typedef struct {
+  double h, J[NX * NX];
+  Newton newton;
+} Known;
+
 static void solve_real(const Newton *n, double *b) {
   double sum[ROW] = {0.0};
   for (int r = 0; r < NX; ++r)
@@ -372,6 +407,10 @@ typedef struct {
   double Z[N3], W[N3], K[N3];             /* stage increments, the same transformed, stage slopes */
   Newton newton;                          /* for the slopes newton_J and the step newton_h, 0: for none */
   double newton_J[NX * NX], newton_h;
+#if NX <= FEW_STATES
+  Known known[KNOWN_STEPS];               /* of the steps taken last, in turn */
+  int n_known;
+#endif
   double real_step[NX], step_re[NX], step_im[NX], step[N3];
   double scale[NX], weight[NX], error[NX], u[NU > 0 ? NU : 1];
   double lastZ[N3], last_h;               /* for the extrapolated start of the next Newton iteration */
@@ -838,11 +877,52 @@ static double first_step(Work *k, Model *m, const Interval *s, double rtol, cons
   return state > 1e-5 && rate > 1e-5 ? fmin(h, fmax(0.01 * state / rate, 1e-6 * h)) : h;
 }
 
+#if NX <= FEW_STATES
+/* The inverses kept of steps of that length; null where there are none. */
+static Known *known_of(Work *k, double h) {
+  for (int i = 0; i < KNOWN_STEPS; ++i)
+    if (fabs(h - k->known[i].h) <= SAME_STEP * h) return k->known + i;
+  return 0;
+}
+
+/* The matrices of the iteration from `known` ones, where the slopes of few rates differ from those; 0 elsewhere. */
+static int newton_from(Work *k, const Known *known) {
+  int rows[NX], n_rows = 0;
+  for (int r = 0; r < NX; ++r) {
+    int differs = 0;
+    for (int q = 0; q < NX; ++q) differs |= k->J0[q * NX + r] != known->J[q * NX + r];
+    if (differs) rows[n_rows++] = r;
+  }
+  if (3 * n_rows > NX) return 0;
+  k->newton = known->newton;
+  for (int i = 0; i < n_rows; ++i) {
+    double change[NX];
+    for (int q = 0; q < NX; ++q) change[q] = k->J0[q * NX + rows[i]] - known->J[q * NX + rows[i]];
+    if (!with_row(&k->newton, rows[i], change)) return 0;
+  }
+  return 1;
+}
+#endif
+
+static int new_matrices(Work *k, double h) {
+#if NX <= FEW_STATES
+  Known *known = known_of(k, h);
+  if (known && newton_from(k, known)) return 1;
+#endif
+  if (!newton_of(&k->newton, k->J0, MU / h, MU_RE / h, -MU_IM / h)) return 0;
+#if NX <= FEW_STATES
+  if (!known) known = k->known + k->n_known++ % KNOWN_STEPS;
+  known->h = h, known->newton = k->newton;
+  memcpy(known->J, k->J0, sizeof k->J0);
+#endif
+  return 1;
+}
+
 /* The matrices of the iteration; those of the step before where it was as long and the slopes are the same, as in a
  * model that is linear there. */
 static int newton_matrices(Work *k, double h) {
   if (fabs(h - k->newton_h) <= SAME_STEP * h && !memcmp(k->newton_J, k->J0, sizeof k->J0)) return 1;
-  int done = newton_of(&k->newton, k->J0, MU / h, MU_RE / h, -MU_IM / h);
+  int done = new_matrices(k, h);
   k->newton_h = done ? h : 0.0;
   memcpy(k->newton_J, k->J0, sizeof k->J0);
   return done;
@@ -913,9 +993,10 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
     }
 #endif
     if (rejected > MOST_REJECTED || *h <= 4 * 2.2e-16 * fabs(t)) return STEP_TOO_SMALL;
-    /* A remainder that is hardly longer than the step is taken at once; no sliver is left over. */
-    int last = *h >= 0.9 * (s->t1 - t);
-    double step = last ? s->t1 - t : *h;
+    /* Equal steps to the sample, whose inverses are known from others, and no sliver at the end; a remainder that is
+     * hardly longer than the step is taken at once. */
+    double n_left = fmax(ceil((s->t1 - t) / *h - 0.1), 1.0), step = (s->t1 - t) / n_left;
+    int last = n_left == 1.0;
 #if NR > 0
     if (b.hi > 0.0) last = 0, step = *h;
 #endif
@@ -997,7 +1078,7 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
 #endif
     double proposal = step * fmin(rejected ? 1.0 : 8.0, fmax(0.2, factor_h));
     /* A step shortened to end on the sample says nothing against a longer one. */
-    *h = last && step < *h ? fmax(*h, proposal) : proposal;
+    *h = step < *h ? fmax(*h, proposal) : proposal;
     rejected = 0;
   }
   p->reached[0] = t;
