@@ -25,7 +25,7 @@
  *               (BENT > 0)
  *   daest_work  {arg, res, iw, w}: the largest work sizes of the functions
  *   daest_n_chosen: p
- * Compile-time constants: NX, NU, NY, NG, NR, NT, BENT. The functions may stand before this text, or in another
+ * Compile-time constants: NX, NU, NY, NG, NR, NT, BENT, NC. The functions may stand before this text, or in another
  * file: declared after this one's constants, so that one compiled integrator serves all models of the same sizes.
  */
 #include <math.h>
@@ -64,6 +64,9 @@ enum {
 #endif
 #ifndef BENT
 #define BENT 0
+#endif
+#ifndef NC
+#define NC 0
 #endif
 
 enum {
@@ -426,6 +429,10 @@ typedef struct {
 #if BENT > 0
   double slope[NY], slope_x[NY * NX], *slope_p; /* relative slopes of the sensors, over states; NY x daest_n_chosen */
   double *error_sens;                     /* of the weighted errors: NY x WHOLE(directions) */
+#endif
+#if NC > 0
+  double tail[NC], *tail_sens, *tail_made;       /* the states of the tail; NC x WHOLE(directions) */
+  double *signal, *signal_sens;           /* w at the points of an interval; points x WHOLE(directions) */
 #endif
   int by_parameter;                       /* daest_n_chosen, or 0 where no sensitivities to the parameters are wanted */
   const double *gain_slopes;              /* by_gain x NX x NY: how the gain changes along the last directions */
@@ -1085,22 +1092,135 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
   return DONE;
 }
 
-/* What the model predicts for sample i, its sensitivities, and the correction of state and sensitivities. */
-static void measure(Work *k, Model *m, const double *u, double t, const double *y, const double *gain, double *S,
-                    int directions, double *predicted, double *predicted_sens) {
-  double h[NY + 1], C[NY * NX + 1], innovation[NY + 1], *seen = k->seen;
+/* States behind the model that nothing of it feels, such as those of a dead time of a sensor: c' = A c + b w, where
+ * w is the last of the NY outputs, and other outputs show `shown` (NY x NC) of c beside what they see of x. Every sample
+ * interval is divided into `parts` intervals; over it w is the polynomial through its values at their ends, and
+ * c <- transition (NC x NC) c + drive (NC x (parts + 1)) w. Behind these two stand their derivatives by the parameters that
+ * are the directions `by` (n_by). The gain (NC x NY, advanced by gain_stride per sample) and gain_slopes (by_gain x NC x NY) correct
+ * c as those of the model correct x. start (NC) and start_sens (NC x directions): of c; states (samples x NC): c before correction. */
+typedef struct {
+  long parts, n_by, gain_stride;
+  const long *by;
+  const double *transition, *drive, *shown, *gain, *gain_slopes, *start, *start_sens;
+  double *states;
+} Tail;
+
+/* What the model shows at a point, and its sensitivities. */
+static void show(Work *k, Model *m, const double *u, double t, const double *S, int directions, double *h) {
+  double C[NY * NX + 1], *seen = k->seen;
   const int size = WHOLE(directions);
   call(daest_out, m, k->x, u, t, h, C, k->out_p);
-  for (int j = 0; j < NY; ++j) {
-    predicted[j] = h[j];
-    innovation[j] = y && isfinite(y[j]) ? y[j] - h[j] : 0.0;
-    if (!directions) continue;
+  for (int j = 0; j < NY && directions; ++j) {
     for (int d = 0; d < size; ++d) seen[j * size + d] = d < k->by_parameter ? k->out_p[d * NY + j] : 0.0;
     for (int r = 0; r < NX; ++r)
       if (C[r * NY + j] != 0.0) subtract(seen + j * size, S + r * size, -C[r * NY + j], 0, size);
-    memcpy(predicted_sens + j * directions, seen + j * size, sizeof(double) * directions);
   }
-  if (!gain) return;
+}
+
+#if NC > 0
+static void keep_signal(Work *k, long point, double w, int directions) {
+  const int size = WHOLE(directions);
+  k->signal[point] = w;
+  if (directions) memcpy(k->signal_sens + point * size, k->seen + (NY - 1) * size, sizeof(double) * size);
+}
+
+/* c and its sensitivities at the end of a sample interval. */
+static void move_tail(Work *k, const Tail *tail, int directions) {
+  const int size = WHOLE(directions);
+  const long points = tail->parts + 1;
+  double moved[NC];
+  for (int q = 0; q < NC; ++q) {
+    const double *phi = tail->transition + q * NC, *by_w = tail->drive + q * points;
+    double *made = k->tail_made + q * size;
+    moved[q] = 0.0;
+    memset(made, 0, sizeof(double) * size);
+    for (int r = 0; r < NC; ++r) {
+      moved[q] += phi[r] * k->tail[r];
+      if (directions) subtract(made, k->tail_sens + r * size, -phi[r], 0, size);
+    }
+    for (long i = 0; i < points; ++i) {
+      moved[q] += by_w[i] * k->signal[i];
+      if (directions) subtract(made, k->signal_sens + i * size, -by_w[i], 0, size);
+    }
+    for (long p = 0; p < tail->n_by && directions; ++p) {
+      double *along = made + tail->by[p];
+      for (int r = 0; r < NC; ++r) *along += phi[(p + 1) * NC * NC + r] * k->tail[r];
+      for (long i = 0; i < points; ++i) *along += by_w[(p + 1) * NC * points + i] * k->signal[i];
+    }
+  }
+  memcpy(k->tail, moved, sizeof moved);
+  memcpy(k->tail_sens, k->tail_made, sizeof(double) * NC * size);
+}
+
+/* What outputs show of c. */
+static void show_tail(Work *k, const Tail *tail, int directions, double *h) {
+  const int size = WHOLE(directions);
+  for (int j = 0; j < NY; ++j)
+    for (int q = 0; q < NC; ++q) {
+      double part = tail->shown[j * NC + q];
+      h[j] += part * k->tail[q];
+      if (directions && part != 0.0) subtract(k->seen + j * size, k->tail_sens + q * size, -part, 0, size);
+    }
+}
+
+static void correct_tail(Work *k, const Tail *tail, long sample, const double *y, const double *innovation, int directions) {
+  const double *gain = tail->gain + sample * tail->gain_stride;
+  const int size = WHOLE(directions);
+  for (int q = 0; q < NC; ++q)
+    for (int j = 0; j < NY; ++j) {
+      if (!isfinite(y[j])) continue;
+      k->tail[q] += gain[q * NY + j] * innovation[j];
+      if (!directions) continue;
+      subtract(k->tail_sens + q * size, k->seen + j * size, gain[q * NY + j], 0, size);
+      for (int g = 0; g < k->by_gain; ++g)
+        k->tail_sens[q * size + directions - k->by_gain + g] += tail->gain_slopes[(g * NC + q) * NY + j] * innovation[j];
+    }
+}
+#endif
+
+static void correct(Work *k, Model *m, const double *u, double t, const double *y, const double *gain, double *innovation,
+                    double *S, int directions);
+
+/* What the model predicts for the point i, its sensitivities, and the correction of state and sensitivities. */
+static void measure(Work *k, Model *m, const double *u, double t, const double *y, const double *gain, double *S,
+                    int directions, double *predicted, double *predicted_sens, const Tail *tail, long i) {
+  double h[NY + 1], innovation[NY + 1], *seen = k->seen;
+  const int size = WHOLE(directions);
+  show(k, m, u, t, S, directions, h);
+#if NC > 0
+  const long part = i % tail->parts, sample = i / tail->parts;
+  if (i > 0) keep_signal(k, part ? part : tail->parts, h[NY - 1], directions);
+  if (!part) {
+    if (i > 0) move_tail(k, tail, directions);
+    memcpy(tail->states + sample * NC, k->tail, sizeof k->tail);
+    show_tail(k, tail, directions, h);
+  }
+#else
+  (void)tail, (void)i;
+#endif
+  int is_seen = 0;
+  for (int j = 0; j < NY; ++j) {
+    predicted[j] = h[j];
+    innovation[j] = y && isfinite(y[j]) ? y[j] - h[j] : 0.0;
+    is_seen |= y && isfinite(y[j]);
+    if (directions) memcpy(predicted_sens + j * directions, seen + j * size, sizeof(double) * directions);
+  }
+#if NC > 0
+  if (gain && is_seen && !part) correct_tail(k, tail, sample, y, innovation, directions);
+#endif
+  if (gain && is_seen) correct(k, m, u, t, y, gain, innovation, S, directions);
+#if NC > 0
+  if (part) return;
+  if (gain && is_seen) show(k, m, u, t, S, directions, h);
+  keep_signal(k, 0, h[NY - 1], directions);
+#endif
+}
+
+/* The correction of the state of the model and of its sensitivities, where something is seen. */
+static void correct(Work *k, Model *m, const double *u, double t, const double *y, const double *gain, double *innovation,
+                    double *S, int directions) {
+  double *seen = k->seen;
+  const int size = WHOLE(directions);
 #if BENT > 0
   call(daest_bend, m, k->x, u, t, k->slope, k->slope_x, k->slope_p);
   for (int j = 0; j < NY; ++j) /* of the weighted error, which takes the place of the predicted output */
@@ -1112,11 +1232,12 @@ static void measure(Work *k, Model *m, const double *u, double t, const double *
   for (int j = 0; j < NY; ++j) innovation[j] *= k->slope[j];
   const double *error_sens = k->error_sens;
 #else
+  (void)m, (void)u, (void)t;
   const double *error_sens = seen;
 #endif
   for (int q = 0; q < NX; ++q)
     for (int j = 0; j < NY; ++j) {
-      if (!(y && isfinite(y[j]))) continue;
+      if (!isfinite(y[j])) continue;
       k->x[q] += gain[q * NY + j] * innovation[j];
       if (directions) subtract(S + q * size, error_sens + j * size, gain[q * NY + j], 0, size);
       for (int g = 0; g < k->by_gain; ++g)
@@ -1125,7 +1246,7 @@ static void measure(Work *k, Model *m, const double *u, double t, const double *
   k->last_h = 0; /* the old collocation polynomial ends where the state was before the correction */
 }
 
-static int allocate(Work **k, Model *m, double **S, int directions) {
+static int allocate(Work **k, Model *m, double **S, int directions, const Tail *tail) {
   m->arg = malloc(sizeof(double *) * (daest_work[0] + 5));
   m->res = malloc(sizeof(double *) * (daest_work[1] + 3));
   m->iw = malloc(sizeof(casadi_int) * (daest_work[2] + 1));
@@ -1142,6 +1263,19 @@ static int allocate(Work **k, Model *m, double **S, int directions) {
   (*k)->slope_p = malloc(sizeof(double) * (NY * daest_n_chosen + 1));
   (*k)->error_sens = calloc(NY * WHOLE(directions) + 1, sizeof(double));
   if (!(*k)->slope_p || !(*k)->error_sens) return 0;
+#endif
+#if NC > 0
+  const long points = tail->parts + 1;
+  (*k)->tail_sens = calloc(NC * WHOLE(directions) + 1, sizeof(double));
+  (*k)->tail_made = malloc(sizeof(double) * (NC * WHOLE(directions) + 1));
+  (*k)->signal = malloc(sizeof(double) * points);
+  (*k)->signal_sens = calloc(points * WHOLE(directions) + 1, sizeof(double));
+  if (!(*k)->tail_sens || !(*k)->tail_made || !(*k)->signal || !(*k)->signal_sens) return 0;
+  memcpy((*k)->tail, tail->start, sizeof (*k)->tail);
+  for (int q = 0; q < NC && directions > 0; ++q)
+    memcpy((*k)->tail_sens + q * WHOLE(directions), tail->start_sens + q * directions, sizeof(double) * directions);
+#else
+  (void)tail;
 #endif
   return m->iw && m->w && m->arg && m->res && *S && (*k)->made && (*k)->seen && (*k)->stage_p && (*k)->out_p && (*k)->hold_p;
 }
@@ -1162,6 +1296,12 @@ static void release(Work *k, Model *m, double *S) {
     free(k->slope_p);
     free(k->error_sens);
 #endif
+#if NC > 0
+    free(k->tail_sens);
+    free(k->tail_made);
+    free(k->signal);
+    free(k->signal_sens);
+#endif
   }
   free(k);
 }
@@ -1171,7 +1311,8 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
                const double *theta, const double *x0, int directions, int by_parameter, const double *S0,
                const double *y, const double *gain, long gain_stride, const double *gain_slopes, int by_gain, double rtol, const double *atol, long max_steps, double *states,
                double *predicted, double *sens, long *steps, double *reached, const double *side, double *flags,
-               long *done, double *x_end, double *S_end, double *tears, double *seen) {
+               long *done, double *x_end, double *S_end, double *tears, double *seen,
+               const Tail *tail) {
   Model m;
   Work *k = 0;
   double *S = 0;
@@ -1181,7 +1322,7 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
   reached[1] = 0.0;
   m.theta = theta;
   for (int i = 0; i < NT; ++i) m.tears[i] = tears ? tears[i] : NAN; /* not a number: no point nearby is known yet */
-  if (allocate(&k, &m, &S, directions)) {
+  if (allocate(&k, &m, &S, directions, tail)) {
     set_constants(k);
     k->by_parameter = by_parameter;
     k->gain_slopes = gain_slopes;
@@ -1206,7 +1347,7 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
       if (seen) memcpy(seen + i * NT, m.tears, sizeof(double) * NT);
       measure(k, &m, i + 1 < n ? u0 + i * NU : u_last, time[i], y ? y + i * NY : 0,
               gain ? gain + i * gain_stride : 0, S, directions, predicted + i * NY,
-              sens ? sens + i * NY * directions : 0);
+              sens ? sens + i * NY * directions : 0, tail, i);
       if (done) *done = i + 1;
 #if NG > 0
       if (gain) status = project(k, &m, i + 1 < n ? u0 + i * NU : u_last, time[i], atol, S, directions);
@@ -1241,17 +1382,24 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
  * gain, gain_slopes (by_gain x NX x NY); S0: NX x directions row-major, or null. y: n x NY (NaN: missing) and gain: NX x NY,
  * advanced by gain_stride per sample, or null. Out: states n x NX before correction; predicted n x NY; sens n x NY x
  * directions of `predicted`, or null; steps; reached: {time, step that was to come next, not zero where another thread wants
- * an end}; seen (n x NT), or null: the tears from which the loops at each sample are solved. Returns a code above, that of the
+ * an end}; seen (n x NT), or null: the tears from which the loops at each sample are solved; behind: of NC > 0 states, whose starts,
+ * states and gains those of the records follow each other, else null. Returns a code above, that of the
  * first that fails, with what it reached; the steps of those behind it are not touched. */
 int daest_simulate(long count, const long *lengths, const double *time, const double *u0, const double *u1, const double *u_last,
                    const double *bent, const double *theta, const double *x0, int directions, int by_parameter, const double *S0,
                    const double *y, const double *gain, long gain_stride, const double *gain_slopes, int by_gain, double rtol,
                    const double *atol, const long *max_steps, double *states, double *predicted, double *sens, long *steps,
-                   double *reached, double *seen) {
+                   double *reached, double *seen, const Tail *behind) {
+#if NC > 0
+  Tail here = *behind;
+  const Tail *tail = &here;
+#else
+  const Tail *tail = behind;
+#endif
   for (long r = 0; r < count; ++r) {
     long n = lengths[r], intervals = n > 0 ? n - 1 : 0;
     int status = run(n, time, u0, u1, u_last, bent, theta, x0, directions, by_parameter, S0, y, gain, gain_stride, gain_slopes,
-                     by_gain, rtol, atol, max_steps[r], states, predicted, sens, steps + r, reached, 0, 0, 0, 0, 0, 0, seen);
+                     by_gain, rtol, atol, max_steps[r], states, predicted, sens, steps + r, reached, 0, 0, 0, 0, 0, 0, seen, tail);
     if (status) return status;
     time += n, u0 += intervals * NU, u1 += intervals * NU, u_last += NU, x0 += NX;
     if (bent) bent += intervals * 2 * NU;
@@ -1260,6 +1408,11 @@ int daest_simulate(long count, const long *lengths, const double *time, const do
     states += n * NX, predicted += n * NY;
     if (sens) sens += n * NY * directions;
     if (seen) seen += n * NT;
+#if NC > 0
+    const long samples = intervals / here.parts + 1;
+    here.start += NC, here.states += samples * NC;
+    if (here.gain) here.gain += samples * here.gain_stride;
+#endif
   }
   return DONE;
 }
@@ -1275,5 +1428,5 @@ int daest_follow(long n, const double *time, const double *u0, const double *u1,
                  long *steps, double *reached, double *flags, long *done, double *x_end, double *S_end,
                  double *tears, double *seen) {
   return run(n, time, u0, u1, u_last, 0, theta, x0, directions, daest_n_chosen, S0, 0, 0, 0, 0, 0, rtol, atol, max_steps, states, predicted,
-             sens, steps, reached, side, flags, done, x_end, S_end, tears, seen);
+             sens, steps, reached, side, flags, done, x_end, S_end, tears, seen, 0);
 }
