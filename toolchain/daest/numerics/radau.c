@@ -1083,9 +1083,8 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
     if (p->side) memcpy(b.at_lo, roots, sizeof b.at_lo);
     b.lo = 0.0;
 #endif
-    double proposal = step * fmin(rejected ? 1.0 : 8.0, fmax(0.2, factor_h));
-    /* A step shortened to end on the sample says nothing against a longer one. */
-    *h = step < *h ? fmax(*h, proposal) : proposal;
+    /* A step shortened to end on the sample says nothing against one as long as was planned, but its error may. */
+    *h = fmin(step * fmax(0.2, factor_h), fmax(rejected ? step : 8.0 * step, *h));
     rejected = 0;
   }
   p->reached[0] = t;
