@@ -405,7 +405,7 @@ static void solve_complex(const Newton *n, double *b_re, double *b_im) {
 #endif
 
 typedef struct {
-  double A[9], c[3];
+  double A[9], c[3], spread[3];           /* spread: of `extrapolate` */
   double x[NX], f0[NX], J0[NX * NX];
   double Z[N3], W[N3], K[N3];             /* stage increments, the same transformed, stage slopes */
   Newton newton;                          /* for the slopes newton_J and the step newton_h, 0: for none */
@@ -467,16 +467,12 @@ static double largest(const double *v, const double *weight) {
   return most;
 }
 
-/* Value at s (in units of the last step, from its start) of the cubic through 0 and the three stage increments. */
-static void extrapolate(const double *Z, const double *c, double s, double *value) {
-  double node[4] = {0.0, c[0], c[1], c[2]}, weight[4];
-  for (int i = 0; i < 4; ++i) {
-    weight[i] = 1.0;
-    for (int j = 0; j < 4; ++j)
-      if (j != i) weight[i] *= (s - node[j]) / (node[i] - node[j]);
-  }
-  for (int k = 0; k < NX; ++k)
-    value[k] = weight[1] * Z[k] + weight[2] * Z[NX + k] + weight[3] * Z[2 * NX + k];
+/* Value at s (in units of the last step, from its start) of the cubic through 0 and the three stage increments;
+ * spread: 1 over the product of the distances of each node to the others. */
+static void extrapolate(const double *Z, const double *c, const double *spread, double s, double *value) {
+  const double a = s * (s - c[1]) * (s - c[2]) * spread[0], b = s * (s - c[0]) * (s - c[2]) * spread[1],
+               d = s * (s - c[0]) * (s - c[1]) * spread[2];
+  for (int k = 0; k < NX; ++k) value[k] = a * Z[k] + b * Z[NX + k] + d * Z[2 * NX + k];
 }
 
 /* T diagonalises A^-1 into one real and two conjugate complex eigenvalues, (8.5); TI = T^-1. */
@@ -750,6 +746,11 @@ static void set_constants(Work *k) {
   const double c[3] = {(4 - S6) / 10, (4 + S6) / 10, 1.0};
   memcpy(k->A, A, sizeof A);
   memcpy(k->c, c, sizeof c);
+  for (int i = 0; i < 3; ++i) {
+    k->spread[i] = 1.0 / c[i];
+    for (int j = 0; j < 3; ++j)
+      if (j != i) k->spread[i] /= c[i] - c[j];
+  }
   double one[3], turned[3];
   for (int i = 0; i < 3; ++i) one[i] = TI[3 * i] + TI[3 * i + 1] + TI[3 * i + 2];
   turned[0] = MU * one[0];
@@ -820,7 +821,7 @@ static double left_inside(Work *k, Model *m, const Interval *s, double t, double
   double g[NR], x[NX];
   for (int i = 1; i < 8; ++i) {
     double part = i / 8.0;
-    extrapolate(k->Z, k->c, part, x);
+    extrapolate(k->Z, k->c, k->spread, part, x);
     for (int q = 0; q < NX; ++q) x[q] += k->x[q];
     if (roots_at(k, m, s, x, t + part * step, g)) continue;
     if (any_left(g, side)) return part;
@@ -939,10 +940,9 @@ static int newton_matrices(Work *k, double h) {
 static int solved_stages(Work *k, Model *m, const Interval *s, double t, double step, double tolerance) {
   if (!newton_matrices(k, step)) return 0;
   if (k->last_h > 0) {
-    double base[NX];
-    extrapolate(k->lastZ, k->c, 1.0, base);
+    const double *base = k->lastZ + 2 * NX; /* where the last step has ended */
     for (int j = 0; j < 3; ++j) {
-      extrapolate(k->lastZ, k->c, 1.0 + k->c[j] * step / k->last_h, k->Z + j * NX);
+      extrapolate(k->lastZ, k->c, k->spread, 1.0 + k->c[j] * step / k->last_h, k->Z + j * NX);
       for (int q = 0; q < NX; ++q) k->Z[j * NX + q] -= base[q];
     }
     int iterations = stages(k, m, s, t, step, tolerance);
@@ -1026,7 +1026,7 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
     double size = estimate_error(k, m, s, t, step, rejected || t == s->t0);
     /* The more iterations, the more careful, (8.21). */
     double safety = 0.9 * (2.0 * NEWTON_STEPS + 1.0) / (2.0 * NEWTON_STEPS + iterations);
-    double factor_h = safety * pow(fmax(size, 1e-10), -0.25);
+    double factor_h = safety / sqrt(sqrt(fmax(size, 1e-10)));
 #if NR > 0
     if (b.hi > 0.0) size = fmin(size, 1.0); /* a longer step was good enough */
 #endif

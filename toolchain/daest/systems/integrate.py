@@ -706,11 +706,9 @@ def _run_hybrid(model: EquationIntegrator, run: Run) -> Trajectory:
     return Trajectory(made.states, made.outputs, made.sensitivities, made.n_steps, made.theta, made.tears)
 
 
-def _run_radau(
-    model: EquationIntegrator, runs: Sequence[Run], tail: Tail | None = None
-) -> list[Trajectory]:
-    """The trajectories of runs that are `alike`, by one call, with the `tail` behind them. Raises IntegrationError for the first that
-    fails."""
+def _run_radau(model: EquationIntegrator, runs: Sequence[Run], tail: Tail | None = None) -> list[Trajectory]:
+    """The trajectories of runs that are `alike`, by one call, with the `tail` behind them. Raises
+    IntegrationError for the first that fails."""
     assert model.library is not None
     one, many = runs[0], len(runs) > 1
     n_y, sizes = model.out.numel_out(0), np.array([run.time.size for run in runs])

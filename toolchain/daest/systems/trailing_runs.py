@@ -1,5 +1,5 @@
-"""Runs of a model with a chain of states that nothing else feels: the compiled integration of the others, which
-takes the chain along from sample to sample."""
+"""Runs of a model with a chain of states that nothing else feels: the compiled integration of the others,
+which takes the chain along from sample to sample."""
 
 from __future__ import annotations
 
