@@ -43,4 +43,11 @@ package LateCart
     m*der(v) = u - k*s - 5*v*sqrt(v*v + 1e-4);
     y = delay(s, T);
   end Behind;
+
+  model Direct "Whose late sensor shows the force at once"
+    extends Base;
+    output Real acc(unit = "m/s2");
+  equation
+    acc = delay((u - k*s)/m, 2*T);
+  end Direct;
 end LateCart;

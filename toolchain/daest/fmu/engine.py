@@ -87,7 +87,7 @@ def follow(
             ctypes.c_int(directions), ctypes.c_int(plan.steps.size), pointer(start),
             *map(pointer, correction), _LONG(0), None, ctypes.c_int(0),
             ctypes.c_double(drive.rtol), pointer(plan.atol),
-            *map(pointer, (most, found.states, found.values, found.slopes, steps, reached)), None,
+            *map(pointer, (most, found.states, found.values, found.slopes, steps, reached)), None, None,
         )  # fmt: skip
     return None if status or library.daest_refused() else found
 

@@ -25,7 +25,7 @@
  *               (BENT > 0)
  *   daest_work  {arg, res, iw, w}: the largest work sizes of the functions
  *   daest_n_chosen: p
- * Compile-time constants: NX, NU, NY, NG, NR, NT, BENT. The functions may stand before this text, or in another
+ * Compile-time constants: NX, NU, NY, NG, NR, NT, BENT, NC. The functions may stand before this text, or in another
  * file: declared after this one's constants, so that one compiled integrator serves all models of the same sizes.
  */
 #include <math.h>
@@ -41,6 +41,8 @@
  * other, and a step solves several times. Of more, the inverse takes longer than it saves. */
 #define FEW_STATES 16
 #define SAME_STEP 1e-9 /* difference of two steps, relative: that of a time grid by rounding */
+#define KNOWN_STEPS 16 /* lengths of steps whose inverses are kept */
+#define LEAST_GAP 1e-4 /* of an inverse that is changed in one row: below it, four digits would be lost */
 
 enum {
   DONE = 0,
@@ -62,6 +64,9 @@ enum {
 #endif
 #ifndef BENT
 #define BENT 0
+#endif
+#ifndef NC
+#define NC 0
 #endif
 
 enum {
@@ -232,6 +237,39 @@ static int newton_of(Newton *n, const double *slopes, double mu, double mu_re, d
   return invert(n->single) && invert_complex(n->re, n->im);
 }
 
+/* The inverses where the slopes of the rate `row` are others by `change` (NX), by Sherman and Morrison; 0 where that
+ * would lose digits. */
+static int with_row(Newton *n, int row, const double *change) {
+  double by[NX] = {0.0}, by_re[NX] = {0.0}, by_im[NX] = {0.0}, column[3 * ROW];
+  for (int m = 0; m < NX; ++m)
+    for (int c = 0; c < NX && change[m] != 0.0; ++c) {
+      by[c] += change[m] * n->single[c * ROW + m];
+      by_re[c] += change[m] * n->re[c * ROW + m];
+      by_im[c] += change[m] * n->im[c * ROW + m];
+    }
+  double gap = 1.0 - by[row], re = 1.0 - by_re[row], im = -by_im[row], size = re * re + im * im;
+  if (!(fabs(gap) > LEAST_GAP && size > LEAST_GAP * LEAST_GAP)) return 0;
+  memcpy(column, n->single + row * ROW, sizeof(double) * ROW);
+  memcpy(column + ROW, n->re + row * ROW, sizeof(double) * ROW);
+  memcpy(column + 2 * ROW, n->im + row * ROW, sizeof(double) * ROW);
+  for (int c = 0; c < NX; ++c) {
+    double part = by[c] / gap, part_re = (by_re[c] * re + by_im[c] * im) / size,
+           part_im = (by_im[c] * re - by_re[c] * im) / size;
+    for (int q = 0; q < ROW; ++q) {
+      n->single[c * ROW + q] += part * column[q];
+      n->re[c * ROW + q] += part_re * column[ROW + q] - part_im * column[2 * ROW + q];
+      n->im[c * ROW + q] += part_re * column[2 * ROW + q] + part_im * column[ROW + q];
+    }
+  }
+  return 1;
+}
+
+/* Inverses of a length of steps, for the slopes J. */
+typedef struct {
+  double h, J[NX * NX];
+  Newton newton;
+} Known;
+
 static void solve_real(const Newton *n, double *b) {
   double sum[ROW] = {0.0};
   for (int r = 0; r < NX; ++r)
@@ -367,11 +405,15 @@ static void solve_complex(const Newton *n, double *b_re, double *b_im) {
 #endif
 
 typedef struct {
-  double A[9], c[3];
+  double A[9], c[3], spread[3];           /* spread: of `extrapolate` */
   double x[NX], f0[NX], J0[NX * NX];
   double Z[N3], W[N3], K[N3];             /* stage increments, the same transformed, stage slopes */
   Newton newton;                          /* for the slopes newton_J and the step newton_h, 0: for none */
   double newton_J[NX * NX], newton_h;
+#if NX <= FEW_STATES
+  Known known[KNOWN_STEPS];               /* of the steps taken last, in turn */
+  int n_known;
+#endif
   double real_step[NX], step_re[NX], step_im[NX], step[N3];
   double scale[NX], weight[NX], error[NX], u[NU > 0 ? NU : 1];
   double lastZ[N3], last_h;               /* for the extrapolated start of the next Newton iteration */
@@ -387,6 +429,10 @@ typedef struct {
 #if BENT > 0
   double slope[NY], slope_x[NY * NX], *slope_p; /* relative slopes of the sensors, over states; NY x daest_n_chosen */
   double *error_sens;                     /* of the weighted errors: NY x WHOLE(directions) */
+#endif
+#if NC > 0
+  double tail[NC], *tail_sens, *tail_made;       /* the states of the tail; NC x WHOLE(directions) */
+  double *signal, *signal_sens;           /* w at the points of an interval; points x WHOLE(directions) */
 #endif
   int by_parameter;                       /* daest_n_chosen, or 0 where no sensitivities to the parameters are wanted */
   const double *gain_slopes;              /* by_gain x NX x NY: how the gain changes along the last directions */
@@ -421,16 +467,12 @@ static double largest(const double *v, const double *weight) {
   return most;
 }
 
-/* Value at s (in units of the last step, from its start) of the cubic through 0 and the three stage increments. */
-static void extrapolate(const double *Z, const double *c, double s, double *value) {
-  double node[4] = {0.0, c[0], c[1], c[2]}, weight[4];
-  for (int i = 0; i < 4; ++i) {
-    weight[i] = 1.0;
-    for (int j = 0; j < 4; ++j)
-      if (j != i) weight[i] *= (s - node[j]) / (node[i] - node[j]);
-  }
-  for (int k = 0; k < NX; ++k)
-    value[k] = weight[1] * Z[k] + weight[2] * Z[NX + k] + weight[3] * Z[2 * NX + k];
+/* Value at s (in units of the last step, from its start) of the cubic through 0 and the three stage increments;
+ * spread: 1 over the product of the distances of each node to the others. */
+static void extrapolate(const double *Z, const double *c, const double *spread, double s, double *value) {
+  const double a = s * (s - c[1]) * (s - c[2]) * spread[0], b = s * (s - c[0]) * (s - c[2]) * spread[1],
+               d = s * (s - c[0]) * (s - c[1]) * spread[2];
+  for (int k = 0; k < NX; ++k) value[k] = a * Z[k] + b * Z[NX + k] + d * Z[2 * NX + k];
 }
 
 /* T diagonalises A^-1 into one real and two conjugate complex eigenvalues, (8.5); TI = T^-1. */
@@ -704,6 +746,11 @@ static void set_constants(Work *k) {
   const double c[3] = {(4 - S6) / 10, (4 + S6) / 10, 1.0};
   memcpy(k->A, A, sizeof A);
   memcpy(k->c, c, sizeof c);
+  for (int i = 0; i < 3; ++i) {
+    k->spread[i] = 1.0 / c[i];
+    for (int j = 0; j < 3; ++j)
+      if (j != i) k->spread[i] /= c[i] - c[j];
+  }
   double one[3], turned[3];
   for (int i = 0; i < 3; ++i) one[i] = TI[3 * i] + TI[3 * i + 1] + TI[3 * i + 2];
   turned[0] = MU * one[0];
@@ -774,7 +821,7 @@ static double left_inside(Work *k, Model *m, const Interval *s, double t, double
   double g[NR], x[NX];
   for (int i = 1; i < 8; ++i) {
     double part = i / 8.0;
-    extrapolate(k->Z, k->c, part, x);
+    extrapolate(k->Z, k->c, k->spread, part, x);
     for (int q = 0; q < NX; ++q) x[q] += k->x[q];
     if (roots_at(k, m, s, x, t + part * step, g)) continue;
     if (any_left(g, side)) return part;
@@ -838,11 +885,52 @@ static double first_step(Work *k, Model *m, const Interval *s, double rtol, cons
   return state > 1e-5 && rate > 1e-5 ? fmin(h, fmax(0.01 * state / rate, 1e-6 * h)) : h;
 }
 
+#if NX <= FEW_STATES
+/* The inverses kept of steps of that length; null where there are none. */
+static Known *known_of(Work *k, double h) {
+  for (int i = 0; i < KNOWN_STEPS; ++i)
+    if (fabs(h - k->known[i].h) <= SAME_STEP * h) return k->known + i;
+  return 0;
+}
+
+/* The matrices of the iteration from `known` ones, where the slopes of few rates differ from those; 0 elsewhere. */
+static int newton_from(Work *k, const Known *known) {
+  int rows[NX], n_rows = 0;
+  for (int r = 0; r < NX; ++r) {
+    int differs = 0;
+    for (int q = 0; q < NX; ++q) differs |= k->J0[q * NX + r] != known->J[q * NX + r];
+    if (differs) rows[n_rows++] = r;
+  }
+  if (3 * n_rows > NX) return 0;
+  k->newton = known->newton;
+  for (int i = 0; i < n_rows; ++i) {
+    double change[NX];
+    for (int q = 0; q < NX; ++q) change[q] = k->J0[q * NX + rows[i]] - known->J[q * NX + rows[i]];
+    if (!with_row(&k->newton, rows[i], change)) return 0;
+  }
+  return 1;
+}
+#endif
+
+static int new_matrices(Work *k, double h) {
+#if NX <= FEW_STATES
+  Known *known = known_of(k, h);
+  if (known && newton_from(k, known)) return 1;
+#endif
+  if (!newton_of(&k->newton, k->J0, MU / h, MU_RE / h, -MU_IM / h)) return 0;
+#if NX <= FEW_STATES
+  if (!known) known = k->known + k->n_known++ % KNOWN_STEPS;
+  known->h = h, known->newton = k->newton;
+  memcpy(known->J, k->J0, sizeof k->J0);
+#endif
+  return 1;
+}
+
 /* The matrices of the iteration; those of the step before where it was as long and the slopes are the same, as in a
  * model that is linear there. */
 static int newton_matrices(Work *k, double h) {
   if (fabs(h - k->newton_h) <= SAME_STEP * h && !memcmp(k->newton_J, k->J0, sizeof k->J0)) return 1;
-  int done = newton_of(&k->newton, k->J0, MU / h, MU_RE / h, -MU_IM / h);
+  int done = new_matrices(k, h);
   k->newton_h = done ? h : 0.0;
   memcpy(k->newton_J, k->J0, sizeof k->J0);
   return done;
@@ -852,10 +940,9 @@ static int newton_matrices(Work *k, double h) {
 static int solved_stages(Work *k, Model *m, const Interval *s, double t, double step, double tolerance) {
   if (!newton_matrices(k, step)) return 0;
   if (k->last_h > 0) {
-    double base[NX];
-    extrapolate(k->lastZ, k->c, 1.0, base);
+    const double *base = k->lastZ + 2 * NX; /* where the last step has ended */
     for (int j = 0; j < 3; ++j) {
-      extrapolate(k->lastZ, k->c, 1.0 + k->c[j] * step / k->last_h, k->Z + j * NX);
+      extrapolate(k->lastZ, k->c, k->spread, 1.0 + k->c[j] * step / k->last_h, k->Z + j * NX);
       for (int q = 0; q < NX; ++q) k->Z[j * NX + q] -= base[q];
     }
     int iterations = stages(k, m, s, t, step, tolerance);
@@ -913,9 +1000,10 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
     }
 #endif
     if (rejected > MOST_REJECTED || *h <= 4 * 2.2e-16 * fabs(t)) return STEP_TOO_SMALL;
-    /* A remainder that is hardly longer than the step is taken at once; no sliver is left over. */
-    int last = *h >= 0.9 * (s->t1 - t);
-    double step = last ? s->t1 - t : *h;
+    /* Equal steps to the sample, whose inverses are known from others, and no sliver at the end; a remainder that is
+     * hardly longer than the step is taken at once. */
+    double n_left = fmax(ceil((s->t1 - t) / *h - 0.1), 1.0), step = (s->t1 - t) / n_left;
+    int last = n_left == 1.0;
 #if NR > 0
     if (b.hi > 0.0) last = 0, step = *h;
 #endif
@@ -938,7 +1026,7 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
     double size = estimate_error(k, m, s, t, step, rejected || t == s->t0);
     /* The more iterations, the more careful, (8.21). */
     double safety = 0.9 * (2.0 * NEWTON_STEPS + 1.0) / (2.0 * NEWTON_STEPS + iterations);
-    double factor_h = safety * pow(fmax(size, 1e-10), -0.25);
+    double factor_h = safety / sqrt(sqrt(fmax(size, 1e-10)));
 #if NR > 0
     if (b.hi > 0.0) size = fmin(size, 1.0); /* a longer step was good enough */
 #endif
@@ -995,31 +1083,143 @@ static int advance(Work *k, Model *m, const Interval *s, Progress *p, double *S,
     if (p->side) memcpy(b.at_lo, roots, sizeof b.at_lo);
     b.lo = 0.0;
 #endif
-    double proposal = step * fmin(rejected ? 1.0 : 8.0, fmax(0.2, factor_h));
-    /* A step shortened to end on the sample says nothing against a longer one. */
-    *h = last && step < *h ? fmax(*h, proposal) : proposal;
+    /* A step shortened to end on the sample says nothing against one as long as was planned, but its error may. */
+    *h = fmin(step * fmax(0.2, factor_h), fmax(rejected ? step : 8.0 * step, *h));
     rejected = 0;
   }
   p->reached[0] = t;
   return DONE;
 }
 
-/* What the model predicts for sample i, its sensitivities, and the correction of state and sensitivities. */
-static void measure(Work *k, Model *m, const double *u, double t, const double *y, const double *gain, double *S,
-                    int directions, double *predicted, double *predicted_sens) {
-  double h[NY + 1], C[NY * NX + 1], innovation[NY + 1], *seen = k->seen;
+/* States behind the model that nothing of it feels, such as those of a dead time of a sensor: c' = A c + b w, where
+ * w is the last of the NY outputs, and other outputs show `shown` (NY x NC) of c beside what they see of x. Every sample
+ * interval is divided into `parts` intervals; over it w is the polynomial through its values at their ends, and
+ * c <- transition (NC x NC) c + drive (NC x (parts + 1)) w. Behind these two stand their derivatives by the parameters that
+ * are the directions `by` (n_by). The gain (NC x NY, advanced by gain_stride per sample) and gain_slopes (by_gain x NC x NY) correct
+ * c as those of the model correct x. start (NC) and start_sens (NC x directions): of c; states (samples x NC): c before correction. */
+typedef struct {
+  long parts, n_by, gain_stride;
+  const long *by;
+  const double *transition, *drive, *shown, *gain, *gain_slopes, *start, *start_sens;
+  double *states;
+} Tail;
+
+/* What the model shows at a point, and its sensitivities. */
+static void show(Work *k, Model *m, const double *u, double t, const double *S, int directions, double *h) {
+  double C[NY * NX + 1], *seen = k->seen;
   const int size = WHOLE(directions);
   call(daest_out, m, k->x, u, t, h, C, k->out_p);
-  for (int j = 0; j < NY; ++j) {
-    predicted[j] = h[j];
-    innovation[j] = y && isfinite(y[j]) ? y[j] - h[j] : 0.0;
-    if (!directions) continue;
+  for (int j = 0; j < NY && directions; ++j) {
     for (int d = 0; d < size; ++d) seen[j * size + d] = d < k->by_parameter ? k->out_p[d * NY + j] : 0.0;
     for (int r = 0; r < NX; ++r)
       if (C[r * NY + j] != 0.0) subtract(seen + j * size, S + r * size, -C[r * NY + j], 0, size);
-    memcpy(predicted_sens + j * directions, seen + j * size, sizeof(double) * directions);
   }
-  if (!gain) return;
+}
+
+#if NC > 0
+static void keep_signal(Work *k, long point, double w, int directions) {
+  const int size = WHOLE(directions);
+  k->signal[point] = w;
+  if (directions) memcpy(k->signal_sens + point * size, k->seen + (NY - 1) * size, sizeof(double) * size);
+}
+
+/* c and its sensitivities at the end of a sample interval. */
+static void move_tail(Work *k, const Tail *tail, int directions) {
+  const int size = WHOLE(directions);
+  const long points = tail->parts + 1;
+  double moved[NC];
+  for (int q = 0; q < NC; ++q) {
+    const double *phi = tail->transition + q * NC, *by_w = tail->drive + q * points;
+    double *made = k->tail_made + q * size;
+    moved[q] = 0.0;
+    memset(made, 0, sizeof(double) * size);
+    for (int r = 0; r < NC; ++r) {
+      moved[q] += phi[r] * k->tail[r];
+      if (directions) subtract(made, k->tail_sens + r * size, -phi[r], 0, size);
+    }
+    for (long i = 0; i < points; ++i) {
+      moved[q] += by_w[i] * k->signal[i];
+      if (directions) subtract(made, k->signal_sens + i * size, -by_w[i], 0, size);
+    }
+    for (long p = 0; p < tail->n_by && directions; ++p) {
+      double *along = made + tail->by[p];
+      for (int r = 0; r < NC; ++r) *along += phi[(p + 1) * NC * NC + r] * k->tail[r];
+      for (long i = 0; i < points; ++i) *along += by_w[(p + 1) * NC * points + i] * k->signal[i];
+    }
+  }
+  memcpy(k->tail, moved, sizeof moved);
+  memcpy(k->tail_sens, k->tail_made, sizeof(double) * NC * size);
+}
+
+/* What outputs show of c. */
+static void show_tail(Work *k, const Tail *tail, int directions, double *h) {
+  const int size = WHOLE(directions);
+  for (int j = 0; j < NY; ++j)
+    for (int q = 0; q < NC; ++q) {
+      double part = tail->shown[j * NC + q];
+      h[j] += part * k->tail[q];
+      if (directions && part != 0.0) subtract(k->seen + j * size, k->tail_sens + q * size, -part, 0, size);
+    }
+}
+
+static void correct_tail(Work *k, const Tail *tail, long sample, const double *y, const double *innovation, int directions) {
+  const double *gain = tail->gain + sample * tail->gain_stride;
+  const int size = WHOLE(directions);
+  for (int q = 0; q < NC; ++q)
+    for (int j = 0; j < NY; ++j) {
+      if (!isfinite(y[j])) continue;
+      k->tail[q] += gain[q * NY + j] * innovation[j];
+      if (!directions) continue;
+      subtract(k->tail_sens + q * size, k->seen + j * size, gain[q * NY + j], 0, size);
+      for (int g = 0; g < k->by_gain; ++g)
+        k->tail_sens[q * size + directions - k->by_gain + g] += tail->gain_slopes[(g * NC + q) * NY + j] * innovation[j];
+    }
+}
+#endif
+
+static void correct(Work *k, Model *m, const double *u, double t, const double *y, const double *gain, double *innovation,
+                    double *S, int directions);
+
+/* What the model predicts for the point i, its sensitivities, and the correction of state and sensitivities. */
+static void measure(Work *k, Model *m, const double *u, double t, const double *y, const double *gain, double *S,
+                    int directions, double *predicted, double *predicted_sens, const Tail *tail, long i) {
+  double h[NY + 1], innovation[NY + 1], *seen = k->seen;
+  const int size = WHOLE(directions);
+  show(k, m, u, t, S, directions, h);
+#if NC > 0
+  const long part = i % tail->parts, sample = i / tail->parts;
+  if (i > 0) keep_signal(k, part ? part : tail->parts, h[NY - 1], directions);
+  if (!part) {
+    if (i > 0) move_tail(k, tail, directions);
+    memcpy(tail->states + sample * NC, k->tail, sizeof k->tail);
+    show_tail(k, tail, directions, h);
+  }
+#else
+  (void)tail, (void)i;
+#endif
+  int is_seen = 0;
+  for (int j = 0; j < NY; ++j) {
+    predicted[j] = h[j];
+    innovation[j] = y && isfinite(y[j]) ? y[j] - h[j] : 0.0;
+    is_seen |= y && isfinite(y[j]);
+    if (directions) memcpy(predicted_sens + j * directions, seen + j * size, sizeof(double) * directions);
+  }
+#if NC > 0
+  if (gain && is_seen && !part) correct_tail(k, tail, sample, y, innovation, directions);
+#endif
+  if (gain && is_seen) correct(k, m, u, t, y, gain, innovation, S, directions);
+#if NC > 0
+  if (part) return;
+  if (gain && is_seen) show(k, m, u, t, S, directions, h);
+  keep_signal(k, 0, h[NY - 1], directions);
+#endif
+}
+
+/* The correction of the state of the model and of its sensitivities, where something is seen. */
+static void correct(Work *k, Model *m, const double *u, double t, const double *y, const double *gain, double *innovation,
+                    double *S, int directions) {
+  double *seen = k->seen;
+  const int size = WHOLE(directions);
 #if BENT > 0
   call(daest_bend, m, k->x, u, t, k->slope, k->slope_x, k->slope_p);
   for (int j = 0; j < NY; ++j) /* of the weighted error, which takes the place of the predicted output */
@@ -1031,11 +1231,12 @@ static void measure(Work *k, Model *m, const double *u, double t, const double *
   for (int j = 0; j < NY; ++j) innovation[j] *= k->slope[j];
   const double *error_sens = k->error_sens;
 #else
+  (void)m, (void)u, (void)t;
   const double *error_sens = seen;
 #endif
   for (int q = 0; q < NX; ++q)
     for (int j = 0; j < NY; ++j) {
-      if (!(y && isfinite(y[j]))) continue;
+      if (!isfinite(y[j])) continue;
       k->x[q] += gain[q * NY + j] * innovation[j];
       if (directions) subtract(S + q * size, error_sens + j * size, gain[q * NY + j], 0, size);
       for (int g = 0; g < k->by_gain; ++g)
@@ -1044,7 +1245,7 @@ static void measure(Work *k, Model *m, const double *u, double t, const double *
   k->last_h = 0; /* the old collocation polynomial ends where the state was before the correction */
 }
 
-static int allocate(Work **k, Model *m, double **S, int directions) {
+static int allocate(Work **k, Model *m, double **S, int directions, const Tail *tail) {
   m->arg = malloc(sizeof(double *) * (daest_work[0] + 5));
   m->res = malloc(sizeof(double *) * (daest_work[1] + 3));
   m->iw = malloc(sizeof(casadi_int) * (daest_work[2] + 1));
@@ -1061,6 +1262,19 @@ static int allocate(Work **k, Model *m, double **S, int directions) {
   (*k)->slope_p = malloc(sizeof(double) * (NY * daest_n_chosen + 1));
   (*k)->error_sens = calloc(NY * WHOLE(directions) + 1, sizeof(double));
   if (!(*k)->slope_p || !(*k)->error_sens) return 0;
+#endif
+#if NC > 0
+  const long points = tail->parts + 1;
+  (*k)->tail_sens = calloc(NC * WHOLE(directions) + 1, sizeof(double));
+  (*k)->tail_made = malloc(sizeof(double) * (NC * WHOLE(directions) + 1));
+  (*k)->signal = malloc(sizeof(double) * points);
+  (*k)->signal_sens = calloc(points * WHOLE(directions) + 1, sizeof(double));
+  if (!(*k)->tail_sens || !(*k)->tail_made || !(*k)->signal || !(*k)->signal_sens) return 0;
+  memcpy((*k)->tail, tail->start, sizeof (*k)->tail);
+  for (int q = 0; q < NC && directions > 0; ++q)
+    memcpy((*k)->tail_sens + q * WHOLE(directions), tail->start_sens + q * directions, sizeof(double) * directions);
+#else
+  (void)tail;
 #endif
   return m->iw && m->w && m->arg && m->res && *S && (*k)->made && (*k)->seen && (*k)->stage_p && (*k)->out_p && (*k)->hold_p;
 }
@@ -1081,6 +1295,12 @@ static void release(Work *k, Model *m, double *S) {
     free(k->slope_p);
     free(k->error_sens);
 #endif
+#if NC > 0
+    free(k->tail_sens);
+    free(k->tail_made);
+    free(k->signal);
+    free(k->signal_sens);
+#endif
   }
   free(k);
 }
@@ -1090,7 +1310,8 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
                const double *theta, const double *x0, int directions, int by_parameter, const double *S0,
                const double *y, const double *gain, long gain_stride, const double *gain_slopes, int by_gain, double rtol, const double *atol, long max_steps, double *states,
                double *predicted, double *sens, long *steps, double *reached, const double *side, double *flags,
-               long *done, double *x_end, double *S_end, double *tears, double *seen) {
+               long *done, double *x_end, double *S_end, double *tears, double *seen,
+               const Tail *tail) {
   Model m;
   Work *k = 0;
   double *S = 0;
@@ -1100,7 +1321,7 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
   reached[1] = 0.0;
   m.theta = theta;
   for (int i = 0; i < NT; ++i) m.tears[i] = tears ? tears[i] : NAN; /* not a number: no point nearby is known yet */
-  if (allocate(&k, &m, &S, directions)) {
+  if (allocate(&k, &m, &S, directions, tail)) {
     set_constants(k);
     k->by_parameter = by_parameter;
     k->gain_slopes = gain_slopes;
@@ -1125,7 +1346,7 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
       if (seen) memcpy(seen + i * NT, m.tears, sizeof(double) * NT);
       measure(k, &m, i + 1 < n ? u0 + i * NU : u_last, time[i], y ? y + i * NY : 0,
               gain ? gain + i * gain_stride : 0, S, directions, predicted + i * NY,
-              sens ? sens + i * NY * directions : 0);
+              sens ? sens + i * NY * directions : 0, tail, i);
       if (done) *done = i + 1;
 #if NG > 0
       if (gain) status = project(k, &m, i + 1 < n ? u0 + i * NU : u_last, time[i], atol, S, directions);
@@ -1160,17 +1381,24 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
  * gain, gain_slopes (by_gain x NX x NY); S0: NX x directions row-major, or null. y: n x NY (NaN: missing) and gain: NX x NY,
  * advanced by gain_stride per sample, or null. Out: states n x NX before correction; predicted n x NY; sens n x NY x
  * directions of `predicted`, or null; steps; reached: {time, step that was to come next, not zero where another thread wants
- * an end}; seen (n x NT), or null: the tears from which the loops at each sample are solved. Returns a code above, that of the
+ * an end}; seen (n x NT), or null: the tears from which the loops at each sample are solved; behind: of NC > 0 states, whose starts,
+ * states and gains those of the records follow each other, else null. Returns a code above, that of the
  * first that fails, with what it reached; the steps of those behind it are not touched. */
 int daest_simulate(long count, const long *lengths, const double *time, const double *u0, const double *u1, const double *u_last,
                    const double *bent, const double *theta, const double *x0, int directions, int by_parameter, const double *S0,
                    const double *y, const double *gain, long gain_stride, const double *gain_slopes, int by_gain, double rtol,
                    const double *atol, const long *max_steps, double *states, double *predicted, double *sens, long *steps,
-                   double *reached, double *seen) {
+                   double *reached, double *seen, const Tail *behind) {
+#if NC > 0
+  Tail here = *behind;
+  const Tail *tail = &here;
+#else
+  const Tail *tail = behind;
+#endif
   for (long r = 0; r < count; ++r) {
     long n = lengths[r], intervals = n > 0 ? n - 1 : 0;
     int status = run(n, time, u0, u1, u_last, bent, theta, x0, directions, by_parameter, S0, y, gain, gain_stride, gain_slopes,
-                     by_gain, rtol, atol, max_steps[r], states, predicted, sens, steps + r, reached, 0, 0, 0, 0, 0, 0, seen);
+                     by_gain, rtol, atol, max_steps[r], states, predicted, sens, steps + r, reached, 0, 0, 0, 0, 0, 0, seen, tail);
     if (status) return status;
     time += n, u0 += intervals * NU, u1 += intervals * NU, u_last += NU, x0 += NX;
     if (bent) bent += intervals * 2 * NU;
@@ -1179,6 +1407,11 @@ int daest_simulate(long count, const long *lengths, const double *time, const do
     states += n * NX, predicted += n * NY;
     if (sens) sens += n * NY * directions;
     if (seen) seen += n * NT;
+#if NC > 0
+    const long samples = intervals / here.parts + 1;
+    here.start += NC, here.states += samples * NC;
+    if (here.gain) here.gain += samples * here.gain_stride;
+#endif
   }
   return DONE;
 }
@@ -1194,5 +1427,5 @@ int daest_follow(long n, const double *time, const double *u0, const double *u1,
                  long *steps, double *reached, double *flags, long *done, double *x_end, double *S_end,
                  double *tears, double *seen) {
   return run(n, time, u0, u1, u_last, 0, theta, x0, directions, daest_n_chosen, S0, 0, 0, 0, 0, 0, rtol, atol, max_steps, states, predicted,
-             sens, steps, reached, side, flags, done, x_end, S_end, tears, seen);
+             sens, steps, reached, side, flags, done, x_end, S_end, tears, seen, 0);
 }

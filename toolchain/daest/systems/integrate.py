@@ -57,6 +57,8 @@ from daest.systems.linearize import has_affine_dynamics
 from daest.systems.sensor_laws import relative_slopes, sensor_laws
 from daest.systems.state_space import family_without_variables
 from daest.systems.tolerances import SOLVER
+from daest.systems.trailing_chain import TrailingChain, trailing_chain
+from daest.systems.trailing_runs import Tail, TrailingRuns, may_trail
 
 # Steps over a whole record, however they fall between its samples. A search gives a trajectory up early: one
 # that takes this many belongs to parameters that make the model far faster than the record.
@@ -190,6 +192,29 @@ class ChainIntegrator(ExactIntegrator):
         return f"exact steps of {n} states that inputs drive, {self.beside.method(rtol, hold)} for the others"
 
 
+@dataclass(frozen=True)
+class TrailingIntegrator(ExactIntegrator):
+    """A model with a chain of states that nothing else feels, which takes exact steps; the functions of
+    `before` are those of the rest, for the parameters of `begun`, which begin with `names`."""
+
+    chain: TrailingChain
+    before: EquationIntegrator
+    begun: tuple[str, ...]
+
+    def trajectory(self, run: Run) -> Trajectory:
+        return self.trajectories([run])[0]
+
+    def trajectories(self, runs: Sequence[Run]) -> list[Trajectory]:
+        if not are_alike(runs) or not may_trail(runs):
+            return self.stepped.trajectories(runs)
+        trailing = TrailingRuns(self.chain, runs, self.explicit.flat.parameter_columns(self.begun))
+        return trailing.joined(_run_radau(self.before, trailing.rests(), trailing.tail))
+
+    def method(self, rtol: float, hold: Hold) -> str:
+        n = self.chain.members.size
+        return f"exact steps of {n} states behind the others, {self.before.method(rtol, hold)} for these"
+
+
 @singledispatch
 def integrator(
     explicit: Dynamics,
@@ -218,8 +243,8 @@ def _of_equations(
     family = _affine_family(explicit) if compiled and not runs_once else None
     if family is not None:
         return AffineIntegrator(explicit, tuple(names), family)
-    beside = _beside_chain(explicit, tuple(names)) if compiled and not runs_once else None
-    return beside or _stepping(explicit, names, compiled, runs_once)
+    apart = _with_chain(explicit, tuple(names)) if compiled and not runs_once else None
+    return apart or _stepping(explicit, names, compiled, runs_once)
 
 
 def _stepping(
@@ -253,16 +278,18 @@ _families: dict[tuple, tuple[ExplicitModel, StateSpaceFamily | None]] = {}
 
 
 # With the model, which keeps its functions: no others take their numbers.
-_chained: dict[tuple, tuple[ExplicitModel, ChainIntegrator | None]] = {}
+_chained: dict[tuple, tuple[ExplicitModel, ChainIntegrator | TrailingIntegrator | None]] = {}
 
 
-def _beside_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> ChainIntegrator | None:
-    """The integrator of a model with a chain that inputs drive; None for one without, or without a
-    compiler."""
+def _with_chain(
+    explicit: ExplicitModel, names: tuple[str, ...]
+) -> ChainIntegrator | TrailingIntegrator | None:
+    """The integrator of a model with a chain that inputs drive, or with one that nothing else feels; None for
+    one without, or without a compiler."""
     key = _functions_of(explicit)
     known = _chained[key][1] if key in _chained else None
     if key not in _chained or (known is not None and known.begun[: len(names)] != names):
-        known = _made_beside_chain(explicit, names)
+        known = _made_beside_chain(explicit, names) or _made_before_chain(explicit, names)
         _chained[key] = explicit, known
         while len(_chained) > MOST_COMPILED:
             del _chained[next(iter(_chained))]
@@ -281,6 +308,19 @@ def _made_beside_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> Chain
         return None
     beside = EquationIntegrator(explicit, names, made.rhs, made.sens, made.out, library, bend=made.bend)
     return ChainIntegrator(explicit, names, chain, beside, names)
+
+
+def _made_before_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> TrailingIntegrator | None:
+    chain = trailing_chain(explicit)
+    if chain is None:
+        return None
+    rhs, sens, out, _, _ = _model_functions(chain.model, names)
+    rates, n_c = _rates_alone(chain.model, None), chain.members.size
+    library = if_compiler(lambda: _compile(rates, rhs, sens, out, None, None, None, "-O2", n_c))
+    if library is None:
+        return None
+    before = EquationIntegrator(chain.model, names, rhs, sens, out, library)
+    return TrailingIntegrator(explicit, names, chain, before, names)
 
 
 def _affine_family(explicit: ExplicitModel) -> StateSpaceFamily | None:
@@ -448,6 +488,7 @@ def _compile(
     root: ca.Function | None,
     bend: ca.Function | None,
     wanted: str,
+    n_trailing: int = 0,
 ) -> ctypes.CDLL | None:
     if root is not None and not root.numel_out(0):
         root = None
@@ -466,6 +507,7 @@ def _compile(
         "NG": 0 if hold is None else hold.numel_out(0),
         "NR": 0 if root is None else root.numel_out(0),
         "BENT": int(bend is not None),
+        "NC": n_trailing,
     }
     return _load(generator.dump() + sizes, _driver(constants), wanted)
 
@@ -664,9 +706,9 @@ def _run_hybrid(model: EquationIntegrator, run: Run) -> Trajectory:
     return Trajectory(made.states, made.outputs, made.sensitivities, made.n_steps, made.theta, made.tears)
 
 
-def _run_radau(model: EquationIntegrator, runs: Sequence[Run]) -> list[Trajectory]:
-    """The trajectories of runs that are `alike`, by one call. Raises IntegrationError for the first that
-    fails."""
+def _run_radau(model: EquationIntegrator, runs: Sequence[Run], tail: Tail | None = None) -> list[Trajectory]:
+    """The trajectories of runs that are `alike`, by one call, with the `tail` behind them. Raises
+    IntegrationError for the first that fails."""
     assert model.library is not None
     one, many = runs[0], len(runs) > 1
     n_y, sizes = model.out.numel_out(0), np.array([run.time.size for run in runs])
@@ -700,6 +742,7 @@ def _run_radau(model: EquationIntegrator, runs: Sequence[Run]) -> list[Trajector
         pointer(y), pointer(gain), ctypes.c_long(stride), pointer(slopes), ctypes.c_int(one.by_gain),
         ctypes.c_double(one.rtol), pointer(one.atol), pointer(most),
         *map(pointer, (states, outputs, sens, steps, reached, seen)),
+        None if tail is None else ctypes.byref(tail),
     )  # fmt: skip
     status = _watched(model.library.daest_simulate, arguments, reached, one.tell)
     if status:
