@@ -282,8 +282,14 @@ end Hung;
 
 @pytest.mark.parametrize(
     "text",
-    [HUNG, HUNG.replace("m*der(v) = u - c*s - d*v", "der(v) = u/m - c/m*s - d/m*der(s)")],
-    ids=["balance", "rates"],
+    [
+        HUNG,
+        HUNG.replace("m*der(v) = u - c*s - d*v", "der(v) = u/m - c/m*s - d/m*der(s)"),
+        HUNG.replace("m*der(v) = u - c*s - d*v", "F = u - c*s - d*v;\n  der(v) = a;\n  a = F/m").replace(
+            "equation\n", '  Real F(unit = "N"), a(unit = "m/s2");\nequation\n'
+        ),
+    ],
+    ids=["balance", "rates", "sum"],
 )
 def test_play_of_a_spring_that_hangs_on_what_does_not_move(tmp_path, text):
     """What acts on the body alone has its place at the body, not beside the spring."""

@@ -159,9 +159,10 @@ def _given_by_equations(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[
         sign = -float(slopes[own[0], variable])
         law = _spelled_out(flat, sign * flat.residual[own[0]], slopes, {*laws} - {*own}, {*kinetic, variable})
         ground = _ground(flat, law, acting, domain)
-        if ground or len(acting) >= 2:
-            deflection = _deflection(flat, acting, ground)
-            yield InternalForce(domain, acting, (Entry(own[0], sign),), variable, ground, deflection)
+        deflection = _deflection(flat, acting, ground)
+        force = InternalForce(domain, acting, (Entry(own[0], sign),), variable, ground, deflection)
+        if not force.is_grounded or "c" in force._own_coefficients(flat):
+            yield force
 
 
 def _spelled_out(flat: FlatModel, law: ca.SX, slopes: np.ndarray, rows: set[int], kept: set[int]) -> ca.SX:
