@@ -130,8 +130,8 @@ class Site:
     by the equation that gives it or by the balances and the input; a "mesh" is a sum of voltages along a path
     or of pressures along a pipe, called `2:i` by its index and its current or flow, `2:R` where the current
     through a resistance has no variable; a "terminal" is an output voltage at which an input current flows,
-    called `u:i` by both. `aliases` are other names for the same place; `parameters` what the place has of its own:
-    names as an effect asks for them, `c` for a stiffness, and those of the model's parameters.
+    called `u:i` by both. `aliases` are other names for the same place; `parameters` what the place has of its
+    own: names as an effect asks for them, `c` for a stiffness, and those of the model's parameters.
     `is_grounded`: the potential of its end a is constant, so that nothing drives a flow there, or that of b
     is, by a component of one connector.
     """

@@ -74,7 +74,7 @@ def driven_chain(explicit: ExplicitModel) -> DrivenChain | None:
     x, u, v, w, theta, t = explicit.rhs.sx_in()
     ubar, silent = ca.vertcat(u, v), ca.SX.zeros(w.shape)
     f, h = (part(x, u, v, silent, theta, t) for part in (explicit.rhs, explicit.outputs))
-    members = _largest_driven(f, x)
+    members = largest_chain(f, x, is_felt=True)
     if members is None:
         return None
     rest = np.setdiff1d(np.arange(explicit.n_states), members)
@@ -109,14 +109,16 @@ def driven_chain(explicit: ExplicitModel) -> DrivenChain | None:
     )
 
 
-def _largest_driven(f: ca.SX, x: ca.SX) -> np.ndarray | None:
-    """The most states that depend on each other and on no other state."""
+def largest_chain(f: ca.SX, x: ca.SX, *, is_felt: bool) -> np.ndarray | None:
+    """The most states that depend on each other and, if the others may feel them (`is_felt`), on no other
+    state, else on whatever they do while no other state depends on them; None below FEWEST."""
     rows, columns = ca.jacobian_sparsity(f, x).get_triplet()
     n = x.numel()
     graph = csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n))
     _, label = connected_components(graph, directed=True, connection="strong")
-    leans = {int(label[r]) for r, c in zip(rows, columns, strict=True) if label[r] != label[c]}
-    groups = [np.flatnonzero(label == one) for one in set(label.tolist()) - leans]
+    between = [(r, c) for r, c in zip(rows, columns, strict=True) if label[r] != label[c]]
+    joined = {int(label[r if is_felt else c]) for r, c in between}
+    groups = [np.flatnonzero(label == one) for one in set(label.tolist()) - joined]
     most = max(groups, key=lambda group: group.size, default=np.zeros(0, dtype=int))
     return most if most.size >= FEWEST else None
 

@@ -14,11 +14,9 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 from scipy.linalg import expm
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 
 from daest.model.flat import ExplicitModel
-from daest.systems.driven_chain import FEWEST, LOOKS, SAME, SEED
+from daest.systems.driven_chain import FEWEST, LOOKS, SAME, SEED, largest_chain
 from daest.systems.sensor_laws import sensor_laws
 
 PARTS = 4  # of a sample interval, at whose ends the signal is looked at
@@ -60,7 +58,7 @@ def trailing_chain(explicit: ExplicitModel) -> TrailingChain | None:
     x, u, v, w, theta, t = explicit.rhs.sx_in()
     silent = ca.SX.zeros(w.shape)
     f, h = (part(x, u, v, silent, theta, t) for part in (explicit.rhs, explicit.outputs))
-    members = _largest_unfelt(f, x)
+    members = largest_chain(f, x, is_felt=False)
     if members is None:
         return None
     at, rest = members.tolist(), np.setdiff1d(np.arange(explicit.n_states), members)
@@ -89,18 +87,6 @@ def trailing_chain(explicit: ExplicitModel) -> TrailingChain | None:
         tuple(sorted(set(ca.jacobian_sparsity(ca.vec(A), theta).get_triplet()[1]))),
         _model_of(explicit, rest, f, ca.vertcat(h, signal)),
     )
-
-
-def _largest_unfelt(f: ca.SX, x: ca.SX) -> np.ndarray | None:
-    """The most states that depend on each other and on which no other state depends."""
-    rows, columns = ca.jacobian_sparsity(f, x).get_triplet()
-    n = x.numel()
-    graph = csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n))
-    _, label = connected_components(graph, directed=True, connection="strong")
-    felt = {int(label[c]) for r, c in zip(rows, columns, strict=True) if label[r] != label[c]}
-    groups = [np.flatnonzero(label == one) for one in set(label.tolist()) - felt]
-    most = max(groups, key=lambda group: group.size, default=np.zeros(0, dtype=int))
-    return most if most.size >= FEWEST else None
 
 
 def _direction(base: ca.Function, explicit: ExplicitModel) -> np.ndarray | None:
