@@ -176,3 +176,18 @@ def test_sine_from_elsewhere_is_no_mass_that_rings(tmp_path) -> None:
     sine = 0.05 * np.sin(2.0 * np.pi * record.time / T)
     diagnosis = found(tmp_path, TROLLEY, replace(record, outputs=record.outputs + sine[:, None]), ONE_MASS)
     assert diagnosis.verdict != "supported", diagnosis.message
+
+
+def test_sine_in_a_position_that_nothing_holds_is_no_mass_that_rings(tmp_path) -> None:
+    """The errors of its simulation add up, those of the predictions tell the same."""
+    m, d, T = 6.0, 4.0, 1.6
+    names = (("force",), ("position",))
+    A, B, output = np.array([[-d / m, 0.0], [1.0, 0.0]]), np.array([[1.0 / m], [0.0]]), np.array([0.0, 1.0])
+    shaken = np.array([1e-3, 0.0])
+    record = recorded(A, B, output, 0.0, 0.0, [-5.0, 5.0], 0.05, 12, 0.002, shaken, names)
+    sine = 0.01 * np.sin(2.0 * np.pi * record.time / T)
+    text = TROLLEY.replace("speed", "position").replace("body.v", "body.s")
+    diagnosis = found(tmp_path, text, replace(record, outputs=record.outputs + sine[:, None]), ONE_MASS)
+    assert diagnosis.verdict != "supported", diagnosis.message
+    reasons = [proof.reason for proof in diagnosis.proofs]
+    assert any("lives on how its own states begin" in reason for reason in reasons), reasons

@@ -264,7 +264,8 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
     accepted = [proof for proof in diagnosis.proofs if proof.verdict != "rejected"]
     if not diagnosis.is_whole:
         if diagnosis.verdict == "supported" and _helps(stand.told, accepted[0]):
-            path = _with_best(task, path, diagnosis)
+            grown = _with_best(task, path, diagnosis)
+            path = path if _displaces(path, grown) else grown
         return [_late(task, replace(path, last=diagnosis), "all candidates of a round were refitted")]
     if not accepted:
         other = _exchanged(task, path, diagnosis) or _with_pair(task, path, diagnosis)
@@ -278,7 +279,32 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
     hold = None if task.options.is_over else better_hold(stand, diagnosis.proofs)
     if hold is not None:
         raise _OtherHoldError(hold, diagnosis, path)
-    return [_extended(task, path, proof, diagnosis) for proof in helpful[:MOST_PATHS]]
+    further = [_extended(task, path, proof, diagnosis) for proof in helpful[:MOST_PATHS]]
+    kept = [one for one in further if not _displaces(path, one)]
+    return kept or [path.ended(diagnosis, _displaced(path, further[0]))]
+
+
+def _displaces(path: _Path, grown: _Path) -> bool:
+    """Whether a further effect leaves nothing certain of one that was added before, and yet simulates unseen
+    data worse than that one does: it stands for it, and is the worse of the two."""
+    return bool(_newly_doubtful(path, grown)) and _is_worse(path, grown)
+
+
+def _newly_doubtful(path: _Path, grown: _Path) -> list[int]:
+    """Steps whose effects have lost their certainty by the last one of a path that has grown by it."""
+    if len(grown.steps) != len(path.steps) + 1:
+        return []
+    before = _uncertain(path.steps, path.steps[-1].fit)
+    return [number for number in _doubtful(grown.steps) if number not in before]
+
+
+def _displaced(path: _Path, grown: _Path) -> str:
+    """Why a path ends before an effect that displaces others (`_displaces`)."""
+    former = " and ".join(_label(grown.steps[number]) for number in _newly_doubtful(path, grown))
+    return (
+        f"{_label(grown.steps[-1])} would be supported, but it leaves nothing certain of {former}, and "
+        f"simulates unseen data {_ratio(path, grown):.3g} times worse: it stands for what is in the model."
+    )
 
 
 def _with_best(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path:
@@ -458,9 +484,14 @@ def _without_superfluous(task: _Task, path: _Path) -> _Path:
 
 def _doubtful(steps: Sequence[Step]) -> list[int]:
     """Earlier steps whose effects have lost the certainty of all their sizes."""
-    sizes = {p.name: p for p in steps[-1].fit.parameters}
+    return _uncertain(steps[:-1], steps[-1].fit)
+
+
+def _uncertain(steps: Sequence[Step], fit: FitResult) -> list[int]:
+    """Steps whose effects have no size that is certain in the `fit`."""
+    sizes = {p.name: p for p in fit.parameters}
     found = []
-    for number, step in enumerate(steps[:-1]):
+    for number, step in enumerate(steps):
         if step.proof is None or step.diagnosis is None:
             continue
         candidate = step.proof.candidate
