@@ -224,6 +224,29 @@ def test_effect_that_leaves_nothing_of_an_earlier_one_simulates_no_worse(std_err
         assert "leaves nothing certain of CoulombFriction at rotor.flange_a" in said and "1.35 times" in said
 
 
+@pytest.mark.parametrize(
+    ("adds_up", "others", "said"),
+    [
+        (False, (), "supported"),
+        (True, (), "supported; unseen data are foreseen better, but the whole simulation, whose errors "),
+        (True, ("a lag",), "not separable from a lag; unseen data are foreseen better, but the whole "),
+    ],
+)
+def test_ledger_tells_that_a_simulation_gets_worse_though_a_law_is_supported(adds_up, others, said):
+    proof = replace(proof_of("CoulombFriction"), adds_up=adds_up, not_separable_from=others)
+    better = replace(proof.told, simulated=scaled(proof.told.simulated, 0.5))
+    assert improving._remark(proof, better).startswith(said)
+    assert ("2 times worse" in improving._remark(proof, better)) == adds_up
+    assert "worse" not in improving._remark(proof, proof.told)
+
+
+def scaled(simulated, factor):
+    return {
+        name: replace(part, rms={y: factor * value for y, value in part.rms.items()})
+        for name, part in simulated.items()
+    }
+
+
 @pytest.mark.parametrize("verdict", ["supported", "cannot tell"])
 def test_round_that_the_time_cuts_short_adds_what_leads_all_others(rounds, verdict):
     friction = replace(proof_of("CoulombFriction"), verdict="supported")

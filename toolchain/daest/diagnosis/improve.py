@@ -185,7 +185,7 @@ def _improved_switching(task: _Rounds, most_effects: int) -> Improvement:
                 label = accepted[0].candidate.label
                 reason = f"{label} is supported, but it does not lower the validation error."
             break
-        steps.append(Step(best, best.told, found, _remark(best)))
+        steps.append(Step(best, best.told, found, _remark(best, steps[-1].fit)))
         task.progress(f"added {best.candidate.label}")
         if len(steps) > most_effects or task.options.is_over:
             reason = f"The limit of {most_effects} effects is reached."
@@ -314,7 +314,7 @@ def _with_best(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path:
 
 
 def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _Path:
-    step = Step(proof, proof.told, diagnosis, _remark(proof))
+    step = Step(proof, proof.told, diagnosis, _remark(proof, path.stand.told))
     task.progress(f"added {proof.candidate.label}")
     grown = _Path(accept(path.stand, proof, task.options.jobs), (*path.steps, step))
     hold = grown.stand.null.hold
@@ -328,9 +328,19 @@ def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _
     return grown
 
 
-def _remark(proof: Proof) -> str:
+def _remark(proof: Proof, before: FitResult) -> str:
+    """What the ledger says of a step. That a law foresees unseen data better is no contradiction to a
+    simulation that gets worse where errors add up, but nobody would expect it."""
     others = ", ".join(proof.not_separable_from)
-    return f"not separable from {others}" if others else "supported"
+    said = f"not separable from {others}" if others else "supported"
+    ratios = error_ratios(before.simulated, proof.told.simulated)
+    whole = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 1.0
+    if not proof.adds_up or not whole > 1.0 + GATES.same_unseen_error:
+        return said
+    return (
+        f"{said}; unseen data are foreseen better, but the whole simulation, whose errors add up, gets "
+        f"{whole:.3g} times worse"
+    )
 
 
 def _with_kinks(task: _Task, path: _Path) -> _Path:
