@@ -281,6 +281,8 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
         raise _OtherHoldError(hold, diagnosis, path)
     further = [_extended(task, path, proof, diagnosis) for proof in helpful[:MOST_PATHS]]
     kept = [one for one in further if not _displaces(path, one)]
+    for label in [_label(one.steps[-1]) for one in further if all(one is not other for other in kept)]:
+        task.progress(f"{label} is taken out again")
     return kept or [path.ended(diagnosis, _displaced(path, further[0]))]
 
 
