@@ -149,6 +149,23 @@ def test_load_that_swings_on_a_trolley(tmp_path) -> None:
         assert abs(own.value - true) < 4.0 * own.std_error
 
 
+def test_load_that_oil_drags_along_with_a_trolley(tmp_path) -> None:
+    """A mass without a spring: one that swings would have to be damped more than critically."""
+    m, d, m2, T = 6.0, 4.0, 3.0, 0.5
+    c = m2 / T
+    A = np.array([[-(d + c) / m, c / m], [c / m2, -c / m2]])  # speed of the trolley, and of the load
+    B, output = np.array([[1.0 / m], [0.0]]), np.array([1.0, 0.0])
+    names, shaken = (("force",), ("speed",)), np.array([1e-3, 0.0])
+    record = recorded(A, B, output, 0.0, 0.0, [-5.0, 5.0], 0.05, 12, 0.01, shaken, names)
+    diagnosis = found(tmp_path, TROLLEY, record, ("DraggedMass", *ONE_MASS))
+    assert diagnosis.verdict == "supported", diagnosis.message
+    best = diagnosis.proofs[0]
+    assert best.candidate.effect.name == "DraggedMass"
+    for name, true in (("m", m2), ("T", T)):
+        own = next(p for p in best.told.parameters if p.name == f"{best.candidate.name}.{name}")
+        assert abs(own.value - true) < 4.0 * own.std_error
+
+
 def test_sine_from_elsewhere_is_no_mass_that_rings(tmp_path) -> None:
     """A mass of nothing that rings without damping from the first sample on may be any sine."""
     m, d, T = 6.0, 4.0, 1.6
@@ -159,3 +176,18 @@ def test_sine_from_elsewhere_is_no_mass_that_rings(tmp_path) -> None:
     sine = 0.05 * np.sin(2.0 * np.pi * record.time / T)
     diagnosis = found(tmp_path, TROLLEY, replace(record, outputs=record.outputs + sine[:, None]), ONE_MASS)
     assert diagnosis.verdict != "supported", diagnosis.message
+
+
+def test_sine_in_a_position_that_nothing_holds_is_no_mass_that_rings(tmp_path) -> None:
+    """The errors of its simulation add up, those of the predictions tell the same."""
+    m, d, T = 6.0, 4.0, 1.6
+    names = (("force",), ("position",))
+    A, B, output = np.array([[-d / m, 0.0], [1.0, 0.0]]), np.array([[1.0 / m], [0.0]]), np.array([0.0, 1.0])
+    shaken = np.array([1e-3, 0.0])
+    record = recorded(A, B, output, 0.0, 0.0, [-5.0, 5.0], 0.05, 12, 0.002, shaken, names)
+    sine = 0.01 * np.sin(2.0 * np.pi * record.time / T)
+    text = TROLLEY.replace("speed", "position").replace("body.v", "body.s")
+    diagnosis = found(tmp_path, text, replace(record, outputs=record.outputs + sine[:, None]), ONE_MASS)
+    assert diagnosis.verdict != "supported", diagnosis.message
+    reasons = [proof.reason for proof in diagnosis.proofs]
+    assert any("lives on how its own states begin" in reason for reason in reasons), reasons

@@ -200,6 +200,53 @@ def test_effect_is_doubtful_once_no_size_of_it_is_certain():
     assert improving._doubtful([asis, replace(first, diagnosis=None), after(std_error=None)]) == []
 
 
+@pytest.mark.parametrize(
+    ("std_error", "rms", "is_refused"), [(None, 1.35, True), (None, 1.0, False), (1e-3, 1.35, False)]
+)
+def test_effect_that_leaves_nothing_of_an_earlier_one_simulates_no_worse(std_error, rms, is_refused):
+    """A lag of a sensor left nothing of the walls of a heated box, and the error was 1.35 times larger."""
+    proof = proof_of("CoulombFriction")
+    own = f"{proof.candidate.name}.tau_c"
+    fit = replace(
+        proof.fit,
+        parameters=tuple(
+            replace(p, std_error=std_error) if p.name == own else p for p in proof.fit.parameters
+        ),
+    )
+    first = Step(proof, proof.fit, found([proof]), "supported")
+    asis = Step(None, proof.fit, None, "")
+    before = SimpleNamespace(**vars(path(0.0, 1.0)), steps=(asis, first))
+    further = Step(proof_of("QuadraticDrag"), fit, found([proof]), "supported")
+    after = SimpleNamespace(**vars(path(-1.0, rms)), steps=(asis, first, further))
+    assert improving._displaces(before, after) == is_refused
+    if is_refused:
+        said = improving._displaced(before, after)
+        assert "leaves nothing certain of CoulombFriction at rotor.flange_a" in said and "1.35 times" in said
+
+
+@pytest.mark.parametrize(
+    ("adds_up", "others", "said"),
+    [
+        (False, (), "supported"),
+        (True, (), "supported; unseen data are foreseen better, but the whole simulation, whose errors "),
+        (True, ("a lag",), "not separable from a lag; unseen data are foreseen better, but the whole "),
+    ],
+)
+def test_ledger_tells_that_a_simulation_gets_worse_though_a_law_is_supported(adds_up, others, said):
+    proof = replace(proof_of("CoulombFriction"), adds_up=adds_up, not_separable_from=others)
+    better = replace(proof.told, simulated=scaled(proof.told.simulated, 0.5))
+    assert improving._remark(proof, better).startswith(said)
+    assert ("2 times worse" in improving._remark(proof, better)) == adds_up
+    assert "worse" not in improving._remark(proof, proof.told)
+
+
+def scaled(simulated, factor):
+    return {
+        name: replace(part, rms={y: factor * value for y, value in part.rms.items()})
+        for name, part in simulated.items()
+    }
+
+
 @pytest.mark.parametrize("verdict", ["supported", "cannot tell"])
 def test_round_that_the_time_cuts_short_adds_what_leads_all_others(rounds, verdict):
     friction = replace(proof_of("CoulombFriction"), verdict="supported")

@@ -29,8 +29,8 @@ MECHANICAL = frozenset(
     )
 )
 EXPECTED = {
-    "Rotational": MECHANICAL | {"Unbalance", "CoggingTorque", "ExtraInertia"},
-    "Translational": MECHANICAL | {"Gravity", "CoggingForce", "ExtraMass"},
+    "Rotational": MECHANICAL | {"Unbalance", "CoggingTorque", "ExtraInertia", "DraggedInertia"},
+    "Translational": MECHANICAL | {"Gravity", "CoggingForce", "ExtraMass", "DraggedMass"},
     "Electrical": frozenset(
         [
             "Inductance",
@@ -56,6 +56,7 @@ MIRRORED = {
     "Unbalance": "Gravity",
     "CoggingTorque": "CoggingForce",
     "ExtraInertia": "ExtraMass",
+    "DraggedInertia": "DraggedMass",
     "MeasuredTorque": "MeasuredForce",
 }
 
@@ -123,6 +124,7 @@ def test_states_and_dynamics() -> None:
     expected |= dict.fromkeys(("Electrical.Inductance", "Electrical.SaturatingInductance", "Signals.Lag"), 1)
     expected |= {"Electrical.TemperatureDependentResistance": 1, "Signals.Delay": 10}
     expected |= {"Rotational.FlexibleAppendage": 2, "Translational.FlexibleAppendage": 2}
+    expected |= {"Rotational.DraggedInertia": 1, "Translational.DraggedMass": 1}
     expected |= {"Electrical.VoltageRelaxation": 1, "Thermal.ExtraHeatCapacity": 1}
     assert states == expected
     dynamic = {effect.name for effect in EFFECTS if effect.is_dynamic}

@@ -60,6 +60,8 @@ MECHANICAL: dict[str, Law] = {
         v.get("J", v.get("m", 0.0))
         * ((2 * np.pi / v["T"]) ** 2 * v["z"] + 4 * np.pi * v["zeta"] / v["T"] * v["r"])
     ),
+    "DraggedInertia": lambda v: v["J"] * v["r"] / v["T"],
+    "DraggedMass": lambda v: v["m"] * v["r"] / v["T"],
     "LuGreFriction": lambda v: -v["tau_c"] * v["z"],
     "HystereticSpring": lambda v: v["tau_h"] * v["z"],
 }

@@ -91,6 +91,7 @@ def test_colour_only_when_asked():
 
 def test_numbers_and_lists():
     assert number(None) == number(float("nan")) == percent(None) == percent(float("nan")) == "-"
+    assert number(-0.0) == "0" and number(-2) == "-2"
     assert number(1234.5678, 6) == "1234.57" and percent(98.456) == "98.46"
     assert listed([]) == "none" and listed(list("abc"), 2) == "a, b and 1 more"
 

@@ -185,7 +185,7 @@ def _improved_switching(task: _Rounds, most_effects: int) -> Improvement:
                 label = accepted[0].candidate.label
                 reason = f"{label} is supported, but it does not lower the validation error."
             break
-        steps.append(Step(best, best.told, found, _remark(best)))
+        steps.append(Step(best, best.told, found, _remark(best, steps[-1].fit)))
         task.progress(f"added {best.candidate.label}")
         if len(steps) > most_effects or task.options.is_over:
             reason = f"The limit of {most_effects} effects is reached."
@@ -264,7 +264,8 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
     accepted = [proof for proof in diagnosis.proofs if proof.verdict != "rejected"]
     if not diagnosis.is_whole:
         if diagnosis.verdict == "supported" and _helps(stand.told, accepted[0]):
-            path = _with_best(task, path, diagnosis)
+            grown = _with_best(task, path, diagnosis)
+            path = path if _displaces(path, grown) else grown
         return [_late(task, replace(path, last=diagnosis), "all candidates of a round were refitted")]
     if not accepted:
         other = _exchanged(task, path, diagnosis) or _with_pair(task, path, diagnosis)
@@ -278,7 +279,34 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
     hold = None if task.options.is_over else better_hold(stand, diagnosis.proofs)
     if hold is not None:
         raise _OtherHoldError(hold, diagnosis, path)
-    return [_extended(task, path, proof, diagnosis) for proof in helpful[:MOST_PATHS]]
+    further = [_extended(task, path, proof, diagnosis) for proof in helpful[:MOST_PATHS]]
+    kept = [one for one in further if not _displaces(path, one)]
+    for label in [_label(one.steps[-1]) for one in further if all(one is not other for other in kept)]:
+        task.progress(f"{label} is taken out again")
+    return kept or [path.ended(diagnosis, _displaced(path, further[0]))]
+
+
+def _displaces(path: _Path, grown: _Path) -> bool:
+    """Whether a further effect leaves nothing certain of one that was added before, and yet simulates unseen
+    data worse than that one does: it stands for it, and is the worse of the two."""
+    return bool(_newly_doubtful(path, grown)) and _is_worse(path, grown)
+
+
+def _newly_doubtful(path: _Path, grown: _Path) -> list[int]:
+    """Steps whose effects have lost their certainty by the last one of a path that has grown by it."""
+    if len(grown.steps) != len(path.steps) + 1:
+        return []
+    before = _uncertain(path.steps, path.steps[-1].fit)
+    return [number for number in _doubtful(grown.steps) if number not in before]
+
+
+def _displaced(path: _Path, grown: _Path) -> str:
+    """Why a path ends before an effect that displaces others (`_displaces`)."""
+    former = " and ".join(_label(grown.steps[number]) for number in _newly_doubtful(path, grown))
+    return (
+        f"{_label(grown.steps[-1])} would be supported, but it leaves nothing certain of {former}, and "
+        f"simulates unseen data {_ratio(path, grown):.3g} times worse: it stands for what is in the model."
+    )
 
 
 def _with_best(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path:
@@ -288,7 +316,7 @@ def _with_best(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path:
 
 
 def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _Path:
-    step = Step(proof, proof.told, diagnosis, _remark(proof))
+    step = Step(proof, proof.told, diagnosis, _remark(proof, path.stand.told))
     task.progress(f"added {proof.candidate.label}")
     grown = _Path(accept(path.stand, proof, task.options.jobs), (*path.steps, step))
     hold = grown.stand.null.hold
@@ -302,9 +330,19 @@ def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _
     return grown
 
 
-def _remark(proof: Proof) -> str:
+def _remark(proof: Proof, before: FitResult) -> str:
+    """What the ledger says of a step. That a law foresees unseen data better is no contradiction to a
+    simulation that gets worse where errors add up, but nobody would expect it."""
     others = ", ".join(proof.not_separable_from)
-    return f"not separable from {others}" if others else "supported"
+    said = f"not separable from {others}" if others else "supported"
+    ratios = error_ratios(before.simulated, proof.told.simulated)
+    whole = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 1.0
+    if not proof.adds_up or not whole > 1.0 + GATES.same_unseen_error:
+        return said
+    return (
+        f"{said}; unseen data are foreseen better, but the whole simulation, whose errors add up, gets "
+        f"{whole:.3g} times worse"
+    )
 
 
 def _with_kinks(task: _Task, path: _Path) -> _Path:
@@ -458,9 +496,14 @@ def _without_superfluous(task: _Task, path: _Path) -> _Path:
 
 def _doubtful(steps: Sequence[Step]) -> list[int]:
     """Earlier steps whose effects have lost the certainty of all their sizes."""
-    sizes = {p.name: p for p in steps[-1].fit.parameters}
+    return _uncertain(steps[:-1], steps[-1].fit)
+
+
+def _uncertain(steps: Sequence[Step], fit: FitResult) -> list[int]:
+    """Steps whose effects have no size that is certain in the `fit`."""
+    sizes = {p.name: p for p in fit.parameters}
     found = []
-    for number, step in enumerate(steps[:-1]):
+    for number, step in enumerate(steps):
         if step.proof is None or step.diagnosis is None:
             continue
         candidate = step.proof.candidate

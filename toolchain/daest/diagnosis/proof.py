@@ -53,6 +53,7 @@ from daest.model.fit import FitResult, error_ratios
 from daest.model.flat import ExplicitModel, FlatModel, with_equations
 from daest.modelica.balances import needs_position
 from daest.numerics.statistics import chi2
+from daest.numerics.tables import turned
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
 
@@ -380,21 +381,41 @@ class _Judge:
 def _of_its_start(null: Null, model: Null, candidate: Candidate, reference: Reference | None) -> str:
     """Why an effect is not there that lives on how its own states begin, and not on what drives them: a mass
     of nothing that rings for ever from the first sample on is a sine of any origin. Empty where it does not.
-    Of bodies alone: at rest they move with what they hang on, while a wall may be at any temperature."""
+    Of bodies alone: at rest they move with what they hang on, while a wall may be at any temperature. Where
+    errors of the simulation add up, by those of the predictions."""
     if not candidate.effect.n_states or not needs_position(candidate.effect.domain):
         return ""
-    if reference is None or reference.adds_up:
+    if reference is None:
         return ""
     without = grown(null, null.flat, null.explicit, reference.fit, null.experiments)
     std = model.measurement_std
-    before = misfit(without, null.experiments, std)
-    after = misfit(model, model.experiments, std)
-    rested = misfit(model, model.experiments, std, candidate.name)
+    before, after, rested = (
+        _missed(_at_rest(one, component), std)
+        if reference.adds_up
+        else misfit(one, one.experiments, std, component)
+        for one, component in ((without, None), (model, None), (model, candidate.name))
+    )
     if before is None or after is None or rested is None or after >= before:
         return ""
     if before - rested >= GATES.min_driven_gain * (before - after):
         return ""
     return "it lives on how its own states begin: started at rest it does little of that"
+
+
+def _missed(model: Null, std: np.ndarray) -> float:
+    """Sum of the squared errors one sample ahead, relative to the `std` (n_y,) of the outputs."""
+    run = run_null(model)
+    errors = np.concatenate([one.whitened for one in run.observed]) @ np.linalg.inv(turned(run.root))
+    return float(np.sum((errors / std) ** 2))
+
+
+def _at_rest(model: Null, component: str | None) -> Null:
+    """The model whose experiments begin with the states of a component at zero, if there is one."""
+    starts = []
+    for start in model.fit.initial_states:
+        rests = np.array([name.partition(".")[0] == component for name in start.names])
+        starts.append(replace(start, values=np.where(rests, 0.0, start.values)))
+    return replace(model, fit=replace(model.fit, initial_states=tuple(starts)))
 
 
 def _of_levels(

@@ -195,7 +195,7 @@ def number(value: Any, digits: int = 4) -> str:
     """`digits` significant digits; - for a missing value."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
-    return f"{value:.{digits}g}"
+    return f"{value + 0.0:.{digits}g}"  # no minus before a zero
 
 
 def probability(p_value: float | None, digits: int = 2) -> str:
