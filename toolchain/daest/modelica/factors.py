@@ -41,9 +41,18 @@ class Entry(NamedTuple):
     def term(self, name: str, flat: FlatModel) -> str | None:
         """The flow `name` with its factor, as Modelica writes it; None where that has no text."""
         written = factor_text(self.factor, flat)
-        if written is None:
-            return None
-        return name + (written[1:] if written.startswith("1/") else f"*{written}" if written else "")
+        return None if written is None else multiplied(name, written)
+
+
+def multiplied(name: str, factor: str) -> str:
+    """A variable times a factor as `factor_text` writes it.
+
+    >>> multiplied("w", ""), multiplied("w", "r"), multiplied("w", "1/n")
+    ('w', 'r*w', 'w/n')
+    """
+    if factor.startswith("1/"):
+        return name + factor[1:]
+    return f"{factor}*{name}" if factor else name
 
 
 def divisors(expression: ca.SX) -> Iterator[ca.SX]:
@@ -188,7 +197,8 @@ def _written(one: ca.SX, names: dict[int, str]) -> tuple[str, int] | None:
         mark, own = _INFIX[one.op()]
         (a, left), (b, right) = known
         is_tight = right > own or (right == own and mark in "+*")
-        return f"{a if left >= own else f'({a})'}{mark}{b if is_tight else f'({b})'}", own
+        spaced = f" {mark} " if own == _SUM else mark
+        return f"{a if left >= own else f'({a})'}{spaced}{b if is_tight else f'({b})'}", own
     (a, inner) = known[0]
     tight = a if inner > _PRODUCT else f"({a})"
     if one.op() == ca.OP_SQ:

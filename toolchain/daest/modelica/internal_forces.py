@@ -24,7 +24,7 @@ import numpy as np
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.modelica.balances import Balance, balances, own_laws, slopes_near_start
-from daest.modelica.factors import Entry, are_same, at_points, plain_factor, signed, signed_text
+from daest.modelica.factors import Entry, are_same, at_points, multiplied, plain_factor, signed, signed_text
 from daest.modelica.place_units import flow_factor
 from daest.quantities import is_of
 
@@ -89,7 +89,7 @@ class InternalForce:
         for (sign, factor), variable in sorted(terms, key=lambda term: term[0][0]):  # what is added first
             if factor is None:
                 return None
-            own = f"{factor}*{variable}" if factor else variable
+            own = multiplied(variable, factor)
             text += f" {sign} {own}" if text else own if sign == "+" else f"-{own}"
         return text
 
