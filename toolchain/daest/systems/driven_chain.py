@@ -110,8 +110,9 @@ def driven_chain(explicit: ExplicitModel) -> DrivenChain | None:
 
 
 def largest_chain(f: ca.SX, x: ca.SX, *, is_felt: bool) -> np.ndarray | None:
-    """The most states that depend on each other and, if the others may feel them (`is_felt`), on no other
-    state, else on whatever they do while no other state depends on them; None below FEWEST."""
+    """The positions (n_c,) of the most states that depend on each other and on no other state, if the others
+    may feel them (`is_felt`); else of the most on which no other state depends. None below FEWEST. `f` (n,)
+    are the rates of the states `x` (n,)."""
     rows, columns = ca.jacobian_sparsity(f, x).get_triplet()
     n = x.numel()
     graph = csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n))
