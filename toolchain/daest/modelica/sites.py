@@ -151,23 +151,23 @@ def untold_balances(flat: FlatModel) -> list[Site]:
 def _exchanges(flat: FlatModel) -> list[Site]:
     """Pairs of balances of heat or volume among the model's own equations, and of a balance of heat and a
     temperature that is an input in one of them."""
+    kinds = [(b, b.domain(flat), b.is_level(flat)) for b in balances(flat)]
+    known = [(b, domain, kind) for b, domain, kind in kinds if domain in _PAIRED and balances_flows(flat, b)]
     found: list[Site] = []
-    known = [b for b in balances(flat) if b.domain(flat) in _PAIRED]
-    for a, b in combinations(known, 2):
-        domain = a.domain(flat)
-        if domain is None or domain != b.domain(flat) or a.is_level(flat) != b.is_level(flat):
-            continue
-        if balances_flows(flat, a) and balances_flows(flat, b):
+    for (a, domain, kind), (b, other, of_b) in combinations(known, 2):
+        if domain == other and kind == of_b:
             variables = ", ".join(flat.unknowns[one.variable].name for one in (a, b))
-            name = f"{a.name(flat)}, {b.name(flat)}"
-            found.append(Site(name, "exchange", domain, aliases=(variables,)))
-    return [*found, *_exchanges_with_surroundings(flat, known)]
+            found.append(_exchange(f"{a.name(flat)}, {b.name(flat)}", domain, variables))
+    return [*found, *_exchanges_with_surroundings(flat, [b for b, domain, _ in known if domain == "thermal"])]
 
 
-def _exchanges_with_surroundings(flat: FlatModel, known: Sequence[Balance]) -> list[Site]:
-    """What a wall hides from the air today, a draught may reach: surroundings that any of the `known`
-    balances of heat feels are a place beside every one of them."""
-    heats = [b for b in known if b.domain(flat) == "thermal" and balances_flows(flat, b)]
+def _exchange(name: str, domain: Domain, variables: str) -> Site:
+    return Site(name, "exchange", domain, aliases=(variables,))
+
+
+def _exchanges_with_surroundings(flat: FlatModel, heats: Sequence[Balance]) -> list[Site]:
+    """What a wall hides from the air today, a draught may reach: surroundings that any of the balances of
+    heat feels are a place beside every one of them."""
     if not heats:
         return []
     used = ca.which_depends(flat.residual[[b.row for b in heats]], flat.u, 1, False)
@@ -177,11 +177,8 @@ def _exchanges_with_surroundings(flat: FlatModel, known: Sequence[Balance]) -> l
         if is_used and DOMAINS.get(one.unit) == "thermal"
     ]
     return [
-        Site(
-            f"{balance.name(flat)}, {name}",
-            "exchange",
-            "thermal",
-            aliases=(f"{flat.unknowns[balance.variable].name}, {name}",),
+        _exchange(
+            f"{balance.name(flat)}, {name}", "thermal", f"{flat.unknowns[balance.variable].name}, {name}"
         )
         for balance in heats
         for name in surroundings
