@@ -8,6 +8,7 @@ import pytest
 from hidden_plants import library, model, prove, rubbing, some_effects
 
 from daest.diagnosis import improve as improving
+from daest.diagnosis import rounds as refitting
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.options import DiagnoseOptions
@@ -225,19 +226,24 @@ def test_effect_that_leaves_nothing_of_an_earlier_one_simulates_no_worse(std_err
 
 
 @pytest.mark.parametrize(
-    ("adds_up", "others", "said"),
-    [
-        (False, (), "supported"),
-        (True, (), "supported; unseen data are foreseen better, but the whole simulation, whose errors "),
-        (True, ("a lag",), "not separable from a lag; unseen data are foreseen better, but the whole "),
-    ],
+    ("adds_up", "factor", "is_told"), [(True, 2.0, True), (False, 2.0, False), (True, 1.0, False)]
 )
-def test_ledger_tells_that_a_simulation_gets_worse_though_a_law_is_supported(adds_up, others, said):
-    proof = replace(proof_of("CoulombFriction"), adds_up=adds_up, not_separable_from=others)
-    better = replace(proof.told, simulated=scaled(proof.told.simulated, 0.5))
-    assert improving._remark(proof, better).startswith(said)
-    assert ("2 times worse" in improving._remark(proof, better)) == adds_up
-    assert "worse" not in improving._remark(proof, proof.told)
+def test_ledger_tells_that_a_simulation_gets_worse_though_a_law_is_supported(adds_up, factor, is_told):
+    proof = replace(proof_of("CoulombFriction"), adds_up=adds_up)
+    step = Step(proof, proof.told, found([proof]), "supported")
+    better = replace(proof.told, simulated=scaled(proof.told.simulated, 1.0 / factor))
+    before = improving._Path(SimpleNamespace(told=better), ())
+    said = improving._noted(before, improving._Path(SimpleNamespace(), (step,))).steps[-1].remark
+    assert said.startswith("supported") and ("add up, gets 2 times worse" in said) == is_told
+
+
+@pytest.mark.parametrize(("certainty", "is_taken"), [(-9.0, False), (-0.1, True)])
+def test_kinks_are_not_refitted_where_unseen_data_are_foreseen_worse_by_it(monkeypatch, certainty, is_taken):
+    friction = replace(proof_of("CoulombFriction"), verdict="supported")
+    stand = improving.accept(rubbing(), friction)
+    monkeypatch.setattr(refitting, "bic_gain", lambda *_: 100.0)
+    monkeypatch.setattr(refitting, "compared", lambda *_: (Ahead(10, 0.1, 1.2, certainty),))
+    assert (refitting.with_kinks(stand, [friction.candidate]) is not None) == is_taken
 
 
 def scaled(simulated, factor):

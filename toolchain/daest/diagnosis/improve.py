@@ -185,7 +185,7 @@ def _improved_switching(task: _Rounds, most_effects: int) -> Improvement:
                 label = accepted[0].candidate.label
                 reason = f"{label} is supported, but it does not lower the validation error."
             break
-        steps.append(Step(best, best.told, found, _remark(best, steps[-1].fit)))
+        steps.append(Step(best, best.told, found, _remark(best)))
         task.progress(f"added {best.candidate.label}")
         if len(steps) > most_effects or task.options.is_over:
             reason = f"The limit of {most_effects} effects is reached."
@@ -316,7 +316,7 @@ def _with_best(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path:
 
 
 def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _Path:
-    step = Step(proof, proof.told, diagnosis, _remark(proof, path.stand.told))
+    step = Step(proof, proof.told, diagnosis, _remark(proof))
     task.progress(f"added {proof.candidate.label}")
     grown = _Path(accept(path.stand, proof, task.options.jobs), (*path.steps, step))
     hold = grown.stand.null.hold
@@ -325,24 +325,30 @@ def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _
         grown = _refitted(grown, grown.stand, f"refitted: {hold_text(hold)}")
     with suppress(OutOfTimeError), until(task.options.until):
         grown = _with_kinks(task, _without_superfluous(task, grown))
+    grown = _noted(path, grown)
     if len(grown.steps) - len(task.first) >= task.most_effects:
         return grown.ended(diagnosis, f"The limit of {task.most_effects} effects is reached.")
     return grown
 
 
-def _remark(proof: Proof, before: FitResult) -> str:
-    """What the ledger says of a step. That a law foresees unseen data better is no contradiction to a
-    simulation that gets worse where errors add up, but nobody would expect it."""
+def _remark(proof: Proof) -> str:
     others = ", ".join(proof.not_separable_from)
-    said = f"not separable from {others}" if others else "supported"
-    ratios = error_ratios(before.simulated, proof.told.simulated)
+    return f"not separable from {others}" if others else "supported"
+
+
+def _noted(path: _Path, grown: _Path) -> _Path:
+    """The path that has grown by a step, of which the ledger says so where the simulation of unseen data has
+    got worse by it and its errors add up: it is supported by predictions, which nobody would expect."""
+    last = grown.steps[-1]
+    ratios = error_ratios(path.stand.told.simulated, last.fit.simulated)
     whole = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 1.0
-    if not proof.adds_up or not whole > 1.0 + GATES.same_unseen_error:
-        return said
-    return (
-        f"{said}; unseen data are foreseen better, but the whole simulation, whose errors add up, gets "
-        f"{whole:.3g} times worse"
+    if last.proof is None or not last.proof.adds_up or not whole > 1.0 + GATES.same_unseen_error:
+        return grown
+    said = (
+        f"{last.remark}; unseen data are foreseen better, but the whole simulation, whose errors add up, "
+        f"gets {whole:.3g} times worse"
     )
+    return replace(grown, steps=(*grown.steps[:-1], replace(last, remark=said)))
 
 
 def _with_kinks(task: _Task, path: _Path) -> _Path:

@@ -16,14 +16,14 @@ from daest.diagnosis.candidates import fed
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null, grown, open_inputs, refit, refitted
+from daest.diagnosis.null import Null, grown, open_inputs, period_of, refit, refitted
 from daest.diagnosis.proof import bic_gain
 from daest.diagnosis.screen import run_null
 from daest.diagnosis.search import Search
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand, quiet, reference_of
 from daest.diagnosis.trials import Trial, prepare
-from daest.diagnosis.unseen import innovations
+from daest.diagnosis.unseen import compared, innovations, is_worse
 from daest.estimation.hold_search import with_turned
 from daest.model.diagnosis import Candidate, Proof
 from daest.model.fit import error_ratios
@@ -76,8 +76,9 @@ def _held_better(null: Null, proof: Proof) -> Null:
 
 def with_kinks(stand: Stand, candidates: Sequence[Candidate]) -> Stand | None:
     """The stand with the kinks of effects in its model as round as the recordings have them, where that is
-    worth their parameters; None where it is not, or they are so already. Beside an effect that was found
-    later, an earlier one shows its kink at last, and what is left at it would look like a further law."""
+    worth their parameters and foresees unseen data no worse; None where it is not, or they are so already.
+    Beside an effect that was found later, an earlier one shows its kink at last, and what is left at it would
+    look like a further law."""
     null = stand.null
     names = [f"{c.name}.{p.name}" for c in candidates for p in c.effect.parameters if p.role == "sharpness"]
     known = set(null.flat.parameter_names)
@@ -92,6 +93,10 @@ def with_kinks(stand: Stand, candidates: Sequence[Candidate]) -> Stand | None:
             return None
         model = grown(null, null.flat, explicit, fit, null.experiments)
         reference = reference_of(model, fit, stand.validation)
+    if reference is not None and stand.reference is not None:
+        ahead = compared(stand.reference.foreseen, reference.foreseen, period_of(null.experiments))
+        if any(is_worse(one) for one in ahead):
+            return None
     return replace(stand, null=model, baseline=fit, reference=reference, began=time.perf_counter())
 
 
