@@ -50,6 +50,7 @@ from daest.model.diagnosis import Ahead, Candidate, FreeForm, InUse, Screen, Scr
 from daest.model.experiment import Experiment
 from daest.model.fit import error_ratios
 from daest.modelica.attach import attach
+from daest.modelica.effects import find_effect
 from daest.modelica.sites import sites
 from daest.systems.reduce import reduce_index
 
@@ -667,6 +668,24 @@ def test_law_of_which_nothing_is_known_is_out_of_the_way_where_its_form_is_not_s
     assert vague.is_vague and not vague.is_open
     assert formless.reason == said and not formless.is_vague and not formless.is_open
     assert not formless.is_known
+
+
+def test_store_of_no_size_is_not_known_by_the_time_in_which_its_own_start_dies_out():
+    """A wall that takes no heat and begins at a million degrees is a load that decays."""
+    _, proof = proved()
+    wall = replace(proof.candidate, effect=find_effect("Thermal.ExtraHeatCapacity"))
+    of = next(p for p in proof.fit.parameters if p.name.startswith(f"{proof.candidate.name}."))
+
+    def told(size, std_error):
+        values = {"G": (size, std_error), "T": (1.7e5, 3.8e4)}
+        own = (
+            replace(of, name=f"{wall.name}.{name}", value=value, std_error=error, unit="")
+            for name, (value, error) in values.items()
+        )
+        return replace(proof.fit, parameters=tuple(own), correlation_names=(), correlation=np.zeros((0, 0)))
+
+    assert not_determined(wall, told(0.5, 0.05), proof.fit) == ""
+    assert "none of its sizes (G = 5.9e-07 ± 0.25)" in not_determined(wall, told(5.9e-7, 0.25), proof.fit)
 
 
 def test_law_of_which_nothing_is_known_is_no_finding():

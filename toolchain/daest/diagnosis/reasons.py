@@ -19,6 +19,7 @@ from daest.errors import DaestError
 from daest.model.diagnosis import Candidate, FreeForm, Proof
 from daest.model.effects import EffectParameter
 from daest.model.fit import FitResult, FittedParameter
+from daest.modelica.balances import needs_position
 from daest.quantities import spoken_duration
 
 LOST = (
@@ -104,12 +105,16 @@ def not_determined(
     """Why the law is not the one that the data show, where they determine none of its parameters: it then
     stands for any law that does the same in these data. Empty where at least one of them is known. A phase
     says nothing alone: half a turn of it is another sign of the size; nor does a ratio, such as the damping
-    of what swings with an unknown mass and period. `before` is the fit without the law, `least_of_place` how
+    of what swings with an unknown mass and period, nor the time constant of a store of no size, which
+    does what its own start does. `before` is the fit without the law, `least_of_place` how
     many standard errors a place stands off zero where it is known."""
+    # Of a mass that swings, the period is seen; a wall may be at any temperature when the recording begins.
+    stores = bool(candidate.effect.n_states) and not needs_position(candidate.effect.domain)
+    roles = ("size",) if stores else ("size", "shape")
     law = {
         f"{candidate.name}.{p.name}": p
         for p in candidate.effect.parameters
-        if p.role in ("size", "shape") and not _is_phase(p) and not _is_ratio(p)
+        if p.role in roles and not _is_phase(p) and not _is_ratio(p)
     }
     own = [p for p in told.parameters if p.name in law]
     unknown = [
@@ -121,7 +126,8 @@ def not_determined(
     ]
     if not own or len(unknown) < len(own):
         return ""
-    return f"the data determine none of its parameters ({', '.join(unknown)})"
+    what = "none of its sizes" if stores else "none of its parameters"
+    return f"the data determine {what} ({', '.join(unknown)})"
 
 
 def without_form(model: Null, candidate: Candidate, told: FitResult) -> str:
