@@ -475,7 +475,7 @@ class _Assembly:
             self.residual[place.row] = ca.substitute(
                 self.residual[place.row], source_symbol, source_symbol - symbol
             )
-        current = place.current_text(self.flat, voltage) or place.current_name(self.flat)
+        current = place.current_text(self.flat, voltage) or place.flow_name(self.flat)
         self._tie(*member.local(first, 1), current, place.current(self.flat, symbol))
         self._tie(*member.local(second, 0), "0", ca.SX(0.0))
 

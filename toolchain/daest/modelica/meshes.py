@@ -26,59 +26,56 @@ UNITS: dict[Domain, tuple[str, str]] = {  # of what drops along the path, and of
 
 
 class WrittenOut(NamedTuple):
-    """A current without a variable: the sum of the voltages along its path over a resistance, a parameter."""
+    """A current without a variable: the sum of the voltages along its path over a `resistance`, a parameter;
+    its only `source` in the row, by name and symbol, drives it."""
 
     current: ca.SX
     resistance: str
+    source: tuple[str, ca.SX]
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Row `row` with the current that is unknown `variable`. `sign` is the factor with which a voltage
-    against the current enters the residual where the terms are voltages. Where they are currents or rates,
-    the voltage is taken off the `source`, a voltage of the row: its name and its symbol; where several stand
-    there, the `factor` is what the voltage is multiplied by. A current that the
-    row holds without a variable, as in `J*der(w) = k*(u - k*w)/R`, is `written_out`, and called `R`. In the
-    hydraulic domain read pressure, or head, and flow for voltage and current."""
+    """Row `row` with the current that is the unknown `flow`, or one that the row holds without a variable, as
+    in `J*der(w) = k*(u - k*w)/R`, called `R`. `sign` is the factor with which a voltage against the current
+    enters the residual where the terms are voltages. Where they are currents or rates, the voltage is taken
+    off the `source`, a voltage of the row: its name and its symbol; where several stand there, the `factor`
+    is what the voltage is multiplied by. In the hydraulic domain read pressure, or head, and flow for voltage
+    and current."""
 
     domain: Domain
     row: int
-    variable: int | None
+    flow: int | WrittenOut
     sign: float
     source: tuple[str, ca.SX] | None = None
-    written_out: WrittenOut | None = None
     factor: ca.SX = ONE
 
     def name(self, flat: FlatModel) -> str:
-        return f"{self.row}:{self.current_name(flat)}"
+        return f"{self.row}:{self.flow_name(flat)}"
 
     def aliases(self, flat: FlatModel) -> tuple[str, ...]:
-        return flat.equations[self.row].text, self.current_name(flat)
+        return flat.equations[self.row].text, self.flow_name(flat)
 
-    def current_name(self, flat: FlatModel) -> str:
-        if self.variable is not None:
-            return flat.unknowns[self.variable].name
-        assert self.written_out is not None
-        return self.written_out.resistance
+    def flow_name(self, flat: FlatModel) -> str:
+        return flat.unknowns[self.flow].name if isinstance(self.flow, int) else self.flow.resistance
+
+    def term_name(self, flat: FlatModel) -> str:
+        """The variable that a component in the mesh is called after."""
+        return flat.unknowns[self.flow].name if isinstance(self.flow, int) else self.flow.source[0]
 
     def current(self, flat: FlatModel, drop: ca.SX) -> ca.SX:
         """The current while the voltage `drop` is taken off the source."""
-        if self.variable is not None:
-            return flat.xi[self.variable]
-        assert self.written_out is not None
-        assert self.source is not None
-        _, symbol = self.source
-        return ca.substitute(self.written_out.current, symbol, symbol - drop)
+        if isinstance(self.flow, int):
+            return flat.xi[self.flow]
+        _, symbol = self.flow.source
+        return ca.substitute(self.flow.current, symbol, symbol - drop)
 
     def current_text(self, flat: FlatModel, drop: str) -> str | None:
         """The same as Modelica writes it; None where it has no text."""
-        if self.variable is not None:
-            return flat.unknowns[self.variable].name
-        assert self.written_out is not None
-        assert self.source is not None
-        return variables_text(
-            self.written_out.current, flat, {self.source[0]: f"({self.source[0]} - {drop})"}
-        )
+        if isinstance(self.flow, int):
+            return flat.unknowns[self.flow].name
+        name, _ = self.flow.source
+        return variables_text(self.flow.current, flat, {name: f"({name} - {drop})"})
 
 
 def meshes(flat: FlatModel) -> list[Mesh]:
@@ -152,8 +149,8 @@ def _written_out(flat: FlatModel, row: int, resistance: int) -> Mesh | None:
     ):
         return None
     direction = ca.jacobian(total, source[1])
-    current = WrittenOut(direction * total / R, flat.parameter_names[resistance])
-    return Mesh("electrical", row, None, 1.0, source, current)
+    current = WrittenOut(direction * total / R, flat.parameter_names[resistance], source)
+    return Mesh("electrical", row, current, 1.0, source)
 
 
 def _holds_current(flat: FlatModel, row: int, current: int | None, unit: str) -> bool:

@@ -116,8 +116,7 @@ def opened_force(
 def opened_mesh(source: bytes, flat: FlatModel, mesh: Mesh, taken: Iterable[str]) -> tuple[bytes, str]:
     """The text with a component of Daest.Terms in series in a mesh, and the name of that component, which is
     a wire unless it is told to be used. Raises NotOpened."""
-    held = mesh.current_name(flat) if mesh.variable is not None else (mesh.source or ("path", None))[0]
-    name = free_name(f"{_plain(held)}_term", taken)
+    name = free_name(f"{_plain(mesh.term_name(flat))}_term", taken)
     current = mesh.current_text(flat, f"{name}.{_TOTAL}")
     if current is None:
         raise NotOpened("holds a current that cannot be written")
