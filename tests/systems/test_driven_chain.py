@@ -1,36 +1,20 @@
 """A dead time at an input takes exact steps apart from what it drives: against LSODA of SciPy, and the
 integration of all states together."""
 
-from functools import cache
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
+from late_cart import PERIOD, cart, recording
 from scipy.integrate import solve_ivp
 
 from daest.estimation.shooting import _with_states
-from daest.modelica.compile import compile_model
 from daest.systems.driven_chain import driven_chain
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import ChainIntegrator, integrate, integrator
 from daest.systems.integration import Correction
-from daest.systems.reduce import reduce_index
 
-SOURCE = Path(__file__).parent / "models" / "LateCart.mo"
 NAMES = ("m", "T", "a")
-PERIOD = 0.02
-
-
-@cache
-def cart(name="Base"):
-    return reduce_index(compile_model(SOURCE, f"LateCart.{name}"))
-
-
-def recording(n=40):
-    """Steps that last a few samples."""
-    rng = np.random.default_rng(2)
-    return PERIOD * np.arange(n), np.repeat(rng.uniform(-20.0, 20.0, n // 6 + 1), 6)[:n, None]
 
 
 def run(model, time, u, theta, x0, **options):
@@ -59,11 +43,11 @@ def by_scipy(explicit, time, u, theta, x0):
 
 
 def test_the_chain_of_a_dead_time_is_found():
-    chain = driven_chain(cart())
-    names = cart().state_names
+    chain = driven_chain(cart("Base"))
+    names = cart("Base").state_names
     assert [names[i] for i in chain.rest] == ["s", "v"]
     assert chain.members.size == 10 and np.allclose(chain.seen, 1.0)
-    assert [cart().flat.parameters[i].name for i in chain.by] == ["T"]
+    assert [cart("Base").flat.parameters[i].name for i in chain.by] == ["T"]
     assert not chain.is_shown and not chain.alone and driven_chain(cart("Accelerated")).is_shown
 
 
@@ -109,7 +93,7 @@ def test_sensitivities_are_those_of_all_states_together(hold, T):
 
 
 def test_an_observer_corrects_what_is_driven_and_its_sensitivities():
-    explicit, (time, u) = cart(), recording()
+    explicit, (time, u) = cart("Base"), recording()
     theta, x0 = explicit.flat.theta_values, start(explicit, u)
     rng = np.random.default_rng(4)
     y = 0.1 * np.sin(3.0 * time)[:, None] + 0.01 * rng.standard_normal((time.size, 1))
@@ -130,7 +114,7 @@ def test_an_observer_corrects_what_is_driven_and_its_sensitivities():
 
 
 def test_by_initial_states_alone():
-    explicit, (time, u) = cart(), recording(40)
+    explicit, (time, u) = cart("Base"), recording(40)
     theta, x0 = explicit.flat.theta_values, start(explicit, u)
     model = integrator(explicit, NAMES)
     whole = run(model, time, u, theta, x0, sensitivities=True)
@@ -139,8 +123,8 @@ def test_by_initial_states_alone():
 
 
 def test_outputs_that_are_states_of_the_chain():
-    explicit, (time, u) = _with_states(cart()), recording(40)
-    theta, x0 = explicit.flat.theta_values, start(cart(), u)
+    explicit, (time, u) = _with_states(cart("Base")), recording(40)
+    theta, x0 = explicit.flat.theta_values, start(cart("Base"), u)
     model = integrator(explicit, NAMES)
     assert isinstance(model, ChainIntegrator) and len(model.chain.alone) == 10
     options = {"sensitivities": True, "rtol": 1e-8, "hold": "foh"}
@@ -173,7 +157,7 @@ def test_uneven_steps_are_those_of_all_states_together(kind):
 
 
 def test_a_gap_and_a_gain_on_the_chain_are_integrated_together():
-    explicit, (time, u) = cart(), recording(30)
+    explicit, (time, u) = cart("Base"), recording(30)
     theta, x0 = explicit.flat.theta_values, start(explicit, u)
     model = integrator(explicit, NAMES)
     late = time + np.where(np.arange(time.size) > 5, 5.0 * PERIOD, 0.0)
@@ -185,7 +169,7 @@ def test_a_gap_and_a_gain_on_the_chain_are_integrated_together():
 
 
 def test_more_parameters_take_the_same_code_and_a_copy_is_made_anew():
-    explicit = cart()
+    explicit = cart("Base")
     more, fewer = integrator(explicit, NAMES), integrator(explicit, NAMES[:1])
     assert fewer.beside is more.beside and fewer.names == NAMES[:1]
     make, arguments = more.__reduce__()

@@ -1,33 +1,16 @@
 """A dead time of a sensor takes exact steps behind the machine: against the integration of all states
 together."""
 
-from functools import cache
-from pathlib import Path
-
 import numpy as np
 import pytest
+from late_cart import PERIOD, cart, recording
 
-from daest.modelica.compile import compile_model
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import TrailingIntegrator, integrate, integrate_all, integrator, record
 from daest.systems.integration import Correction
-from daest.systems.reduce import reduce_index
 from daest.systems.trailing_chain import trailing_chain
 
-SOURCE = Path(__file__).parent / "models" / "LateCart.mo"
 NAMES = ("m", "T", "k")
-PERIOD = 0.02
-
-
-@cache
-def cart(name="Behind"):
-    return reduce_index(compile_model(SOURCE, f"LateCart.{name}"))
-
-
-def recording(n=40):
-    """Steps that last a few samples."""
-    rng = np.random.default_rng(2)
-    return PERIOD * np.arange(n), np.repeat(rng.uniform(-20.0, 20.0, n // 6 + 1), 6)[:n, None]
 
 
 def run(model, time, u, theta, x0, **options):
@@ -50,10 +33,10 @@ def are_close(made, known, share=1e-3):
 
 
 def test_the_chain_of_a_dead_time_is_found():
-    chain = trailing_chain(cart())
-    assert [cart().state_names[i] for i in chain.rest] == ["s", "v"]
+    chain = trailing_chain(cart("Behind"))
+    assert [cart("Behind").state_names[i] for i in chain.rest] == ["s", "v"]
     assert chain.members.size == 10 and chain.model.n_states == 2
-    assert [cart().flat.parameters[i].name for i in chain.by] == ["T"]
+    assert [cart("Behind").flat.parameters[i].name for i in chain.by] == ["T"]
     assert np.allclose(chain.shown, 1.0) and np.max(chain.drive) == 1.0
 
 
@@ -64,7 +47,7 @@ def test_no_chain_that_something_feels_or_that_the_input_drives(name):
 
 @pytest.mark.parametrize(("hold", "T"), [("zoh", 0.013), ("foh", 0.002), ("smooth", 0.09)])
 def test_states_and_sensitivities_are_those_of_all_states_together(hold, T):
-    explicit, (time, u) = cart(), recording()
+    explicit, (time, u) = cart("Behind"), recording()
     theta, x0 = explicit.flat.theta_values.copy(), start(explicit, u)
     theta[[p.name for p in explicit.flat.parameters].index("T")] = T
     model = integrator(explicit, NAMES)
@@ -79,7 +62,7 @@ def test_states_and_sensitivities_are_those_of_all_states_together(hold, T):
 
 
 def test_an_observer_corrects_the_machine_and_the_chain():
-    explicit, (time, u) = cart(), recording()
+    explicit, (time, u) = cart("Behind"), recording()
     theta, x0 = explicit.flat.theta_values, start(explicit, u)
     rng = np.random.default_rng(4)
     y = 0.1 * np.sin(3.0 * time)[:, None] + 0.01 * rng.standard_normal((time.size, 1))
@@ -96,7 +79,7 @@ def test_an_observer_corrects_the_machine_and_the_chain():
 
 
 def test_by_initial_states_alone_and_without_slopes():
-    explicit, (time, u) = cart(), recording()
+    explicit, (time, u) = cart("Behind"), recording()
     theta, x0 = explicit.flat.theta_values, start(explicit, u)
     model = integrator(explicit, NAMES)
     whole = run(model, time, u, theta, x0, sensitivities=True)
@@ -106,7 +89,7 @@ def test_by_initial_states_alone_and_without_slopes():
 
 
 def test_uneven_times_are_integrated_together():
-    explicit, (time, u) = cart(), recording(30)
+    explicit, (time, u) = cart("Behind"), recording(30)
     theta, x0 = explicit.flat.theta_values, start(explicit, u)
     model = integrator(explicit, NAMES)
     late = time + np.where(np.arange(time.size) > 5, 0.3 * PERIOD, 0.0)
@@ -115,7 +98,7 @@ def test_uneven_times_are_integrated_together():
 
 
 def test_several_records_follow_each_other():
-    explicit, (time, u) = cart(), recording(30)
+    explicit, (time, u) = cart("Behind"), recording(30)
     theta, x0 = explicit.flat.theta_values, start(explicit, u)
     model = integrator(explicit, NAMES)
     gain = np.full((12, 1), 0.1)
@@ -133,9 +116,9 @@ def test_several_records_follow_each_other():
 
 
 def test_a_copy_is_made_anew_and_fewer_parameters_take_the_same_code():
-    explicit = cart()
+    explicit = cart("Behind")
     more, fewer = integrator(explicit, NAMES), integrator(explicit, NAMES[:1])
-    assert fewer.before is more.before and fewer.names == NAMES[:1]
+    assert fewer.beside is more.beside and fewer.names == NAMES[:1]
     make, arguments = more.__reduce__()
     assert isinstance(make(*arguments), TrailingIntegrator) and make(*arguments).names == NAMES
     assert more.method(1e-6, "zoh").startswith("exact steps of 10 states behind")

@@ -55,6 +55,17 @@ def multiplied(name: str, factor: str) -> str:
     return f"{factor}*{name}" if factor else name
 
 
+def is_of_parameters(flat: FlatModel, expression: ca.SX) -> bool:
+    """Whether nothing but parameters changes the values of an expression."""
+    moving = ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
+    return not ca.depends_on(expression, moving)
+
+
+def given_value(flat: FlatModel, expression: ca.SX) -> float:
+    """The value of a scalar expression of the parameters, at those of the model."""
+    return float(ca.Function("value", [flat.theta], [expression])(flat.theta_values))
+
+
 def divisors(expression: ca.SX) -> Iterator[ca.SX]:
     """What is divided by anywhere in a scalar expression, and holds symbols."""
     seen: set[int] = set()

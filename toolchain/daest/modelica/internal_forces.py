@@ -24,7 +24,17 @@ import numpy as np
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.modelica.balances import Balance, balances, own_laws, slopes_near_start
-from daest.modelica.factors import Entry, are_same, at_points, multiplied, plain_factor, signed, signed_text
+from daest.modelica.factors import (
+    Entry,
+    are_same,
+    at_points,
+    given_value,
+    is_of_parameters,
+    multiplied,
+    plain_factor,
+    signed,
+    signed_text,
+)
 from daest.modelica.place_units import flow_factor
 from daest.quantities import is_of
 
@@ -221,21 +231,20 @@ def _acting(
 ) -> tuple[tuple[Balance, ca.SX], ...]:
     """The bodies in whose balances the unknown stands with a factor that only parameters change, and what
     their speeds are multiplied by; none where it stands in one of them otherwise."""
-    symbol, moving = flat.xi[variable], ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
+    symbol = flat.xi[variable]
     found: list[tuple[Balance, ca.SX]] = []
     for body in bodies:
         factor = ca.simplify(ca.jacobian(flat.residual[body.row], symbol))
         if factor.is_zero():
             continue
-        if ca.depends_on(factor, moving):
+        if not is_of_parameters(flat, factor):
             return ()
         own = flow_factor(flat, body)
         if own is None:
             if body.domain(flat) != domain:
                 return ()
             # The terms are accelerations: the factor has the mass in it, and tells the direction alone.
-            value = float(ca.Function("factor", [flat.theta], [factor])(flat.theta_values))
-            factor, own = ca.SX(float(np.sign(value))), ca.SX(1.0)
+            factor, own = ca.SX(float(np.sign(given_value(flat, factor)))), ca.SX(1.0)
         factor = body.sign * factor / own
         plain = plain_factor(flat, factor)
         found.append((body, ca.simplify(factor) if plain is None else plain))
@@ -263,19 +272,14 @@ def _deflection(
     for (symbols, motion), row in product(motions, rows):
         used = set(np.flatnonzero(ca.which_depends(row, symbols, 1, False)).tolist()) - own
         for k, sign in product(sorted(used), (1.0, -1.0)):
-            if _is_same(flat, row, symbols[k] - sign * motion):
+            deflected = symbols[k] - sign * motion
+            if any(are_same(flat, row, turned * deflected, flat.theta_values) for turned in (1.0, -1.0)):
                 return k, sign
     return None
 
 
 def _sum(terms: Iterable[tuple[ca.SX, ca.SX]]) -> ca.SX:
     return sum((factor * symbol for factor, symbol in terms), start=ca.SX(0.0))
-
-
-def _is_same(flat: FlatModel, one: ca.SX, other: ca.SX) -> bool:
-    """Whether two expressions have the same values but for their signs, at random points."""
-    a, b = at_points(flat, ca.vertcat(one, other), flat.theta_values)[:, 0]
-    return any(np.allclose(a, sign * b, rtol=_TOLERANCE, atol=0.0) for sign in (1.0, -1.0))
 
 
 def _slopes(force: InternalForce, flat: FlatModel) -> tuple[ca.SX, ca.SX]:
@@ -369,13 +373,12 @@ def _opposite(flat: FlatModel, acting: ca.SX, bodies: Sequence[Balance]) -> tupl
 def _geared(flat: FlatModel, acting: ca.SX, bodies: Sequence[Balance]) -> tuple[ca.SX, ...]:
     """The factors a of the speeds of two bodies in the relative motion, where what a parameter multiplies in
     their balances, `acting` (2,), is a·(a·x) of their positions or speeds x; none where it is not."""
-    moving = ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
     for x in ([b.position for b in bodies], [b.variable for b in bodies]):
         if min(x) < 0:
             continue
         slopes = ca.jacobian(acting, ca.vertcat(*(flat.xi[i] for i in x)))
         (a, b), (c, d) = ((slopes[i, 0], slopes[i, 1]) for i in (0, 1))
-        if ca.depends_on(slopes, moving) or any(one.is_zero() for one in (a, b, c, d)):
+        if not is_of_parameters(flat, slopes) or any(one.is_zero() for one in (a, b, c, d)):
             continue
         first, second = (plain_factor(flat, ca.sqrt(one)) for one in (a, d))
         if first is None or second is None or not are_same(flat, b, c):

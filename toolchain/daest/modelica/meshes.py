@@ -13,7 +13,7 @@ import numpy as np
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.modelica.balances import own_laws, slopes_near_start
-from daest.modelica.factors import ONE, are_same, sum_around, variables_text
+from daest.modelica.factors import ONE, are_same, given_value, is_of_parameters, sum_around, variables_text
 from daest.modelica.place_units import has_drop, has_unit, is_of_heads, parts_divided_by
 from daest.modelica.terminals import CURRENT, VOLTAGE
 from daest.quantities import is_of
@@ -117,11 +117,9 @@ def _mesh(flat: FlatModel, slopes: np.ndarray, row: int, domain: Domain, current
         over = [one for one in parts_divided_by(flat, row)[0] if _is_sum(flat, row, current, domain, one)]
         return Mesh(domain, row, current, sign, factor=1.0 / over[0]) if over else None
     slope = ca.jacobian(flat.residual[row], source[1])
-    moving = ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
-    if ca.depends_on(slope, moving):
+    if not is_of_parameters(flat, slope):
         return None
-    value = float(ca.Function("slope", [flat.theta], [slope])(flat.theta_values))
-    return Mesh(domain, row, current, sign, source) if np.sign(value) == -sign else None
+    return Mesh(domain, row, current, sign, source) if np.sign(given_value(flat, slope)) == -sign else None
 
 
 def _is_sum(flat: FlatModel, row: int, current: int, domain: Domain, times: ca.SX = ONE) -> bool:
@@ -139,7 +137,7 @@ def _written_out(flat: FlatModel, row: int, resistance: int) -> Mesh | None:
     if source is None or _holds_current(flat, row, None, CURRENT):
         return None
     slope = ca.jacobian(residual, source[1])
-    if ca.depends_on(slope, ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)):
+    if not is_of_parameters(flat, slope):
         return None
     total = sum_around(residual, source[1])
     if (

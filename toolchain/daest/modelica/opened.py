@@ -164,10 +164,9 @@ def _with_terms(source: bytes, flat: FlatModel, entries: Sequence[Entry], term: 
         if added is None:
             raise NotOpened("is divided by what cannot be written")
         # A binding has nothing on its left that a term could be added to.
-        side, mark = (
-            (row.left, "+") if entry.sign > 0 and row.left else (row.right, "-" if entry.sign > 0 else "+")
-        )
-        edits += _with_term(side, f"{mark} {added}")
+        is_left = entry.sign > 0 and bool(row.left)
+        mark = "-" if entry.sign > 0 and not is_left else "+"
+        edits += _with_term(row.left if is_left else row.right, f"{mark} {added}")
     return edited(source, [*edits, _declared(source, rows[0][0].words, term.line)])
 
 

@@ -13,7 +13,7 @@ from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
 from daest.modelica.balances import LEVEL, Balance, balances
 from daest.modelica.connectors import MASS_FLOW, connectors_of
-from daest.modelica.factors import ONE, Entry, are_same, divisors, factors
+from daest.modelica.factors import ONE, Entry, are_same, divisors, factors, is_of_parameters
 from daest.quantities import dimensions
 
 _FLOWS: dict[Domain, str] = {
@@ -159,8 +159,7 @@ def is_of_heads(flat: FlatModel, row: int, flow: int, times: ca.SX = ONE) -> boo
 def parts_divided_by(flat: FlatModel, row: int) -> tuple[list[ca.SX], list[ca.SX]]:
     """What an equation is divided by anywhere that only parameters change, and the factors of these: a time
     constant R*C, too, has the storage in it."""
-    moving = ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
-    over = [one for one in divisors(flat.residual[row]) if not ca.depends_on(one, moving)]
+    over = [one for one in divisors(flat.residual[row]) if is_of_parameters(flat, one)]
     return over, [factor for one in over for factor in factors(one)]
 
 

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from daest.model.flat import FlatModel
+from daest.modelica.factors import given_value, is_of_parameters
 from daest.quantities import is_of
 
 CURRENT, VOLTAGE = "A", "V"
@@ -41,8 +42,7 @@ def terminals(flat: FlatModel) -> list[Terminal]:
 
 def _terminal(flat: FlatModel, output: int, current: int) -> Terminal | None:
     slope = ca.jacobian(flat.output_expressions[output], flat.u[current])
-    moving = ca.vertcat(flat.xi, flat.derivatives, flat.u, flat.w, flat.time)
-    if ca.depends_on(slope, moving):
+    if not is_of_parameters(flat, slope):
         return None
-    value = float(ca.Function("slope", [flat.theta], [slope])(flat.theta_values))
+    value = given_value(flat, slope)
     return Terminal(output, current, float(np.sign(value))) if value else None

@@ -169,22 +169,32 @@ class AffineIntegrator(ExactIntegrator):
 
 
 @dataclass(frozen=True)
-class ChainIntegrator(ExactIntegrator):
-    """A model with a chain of states that inputs alone drive, which takes exact steps; the functions of
-    `beside` are those of the rest, for the parameters of `begun`, which begin with `names`."""
+class ApartIntegrator(ExactIntegrator):
+    """A model with a chain of states that takes exact steps; the functions of `beside` are those of the rest,
+    for the parameters of `begun`, which begin with `names`."""
 
-    chain: DrivenChain
     beside: EquationIntegrator
     begun: tuple[str, ...]
 
     def trajectory(self, run: Run) -> Trajectory:
         return self.trajectories([run])[0]
 
+    @property
+    def columns(self) -> list[int]:
+        """The positions of the parameters that the rest is integrated for."""
+        return self.explicit.flat.parameter_columns(self.begun)
+
+
+@dataclass(frozen=True)
+class ChainIntegrator(ApartIntegrator):
+    """A model with a chain of states that inputs alone drive."""
+
+    chain: DrivenChain
+
     def trajectories(self, runs: Sequence[Run]) -> list[Trajectory]:
         if not are_alike(runs) or not have_driven_chain(self.chain, runs):
             return self.stepped.trajectories(runs)
-        columns = self.explicit.flat.parameter_columns(self.begun)
-        beside = RunsBesideChain(self.chain, runs, columns)
+        beside = RunsBesideChain(self.chain, runs, self.columns)
         return beside.joined(_run_radau(self.beside, beside.rests()))
 
     def method(self, rtol: float, hold: Hold) -> str:
@@ -193,26 +203,20 @@ class ChainIntegrator(ExactIntegrator):
 
 
 @dataclass(frozen=True)
-class TrailingIntegrator(ExactIntegrator):
-    """A model with a chain of states that nothing else feels, which takes exact steps; the functions of
-    `before` are those of the rest, for the parameters of `begun`, which begin with `names`."""
+class TrailingIntegrator(ApartIntegrator):
+    """A model with a chain of states that nothing else feels."""
 
     chain: TrailingChain
-    before: EquationIntegrator
-    begun: tuple[str, ...]
-
-    def trajectory(self, run: Run) -> Trajectory:
-        return self.trajectories([run])[0]
 
     def trajectories(self, runs: Sequence[Run]) -> list[Trajectory]:
         if not are_alike(runs) or not may_trail(runs):
             return self.stepped.trajectories(runs)
-        trailing = TrailingRuns(self.chain, runs, self.explicit.flat.parameter_columns(self.begun))
-        return trailing.joined(_run_radau(self.before, trailing.rests(), trailing.tail))
+        trailing = TrailingRuns(self.chain, runs, self.columns)
+        return trailing.joined(_run_radau(self.beside, trailing.rests(), trailing.tail))
 
     def method(self, rtol: float, hold: Hold) -> str:
         n = self.chain.members.size
-        return f"exact steps of {n} states behind the others, {self.before.method(rtol, hold)} for these"
+        return f"exact steps of {n} states behind the others, {self.beside.method(rtol, hold)} for these"
 
 
 @singledispatch
@@ -307,7 +311,7 @@ def _made_beside_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> Chain
     if library is None:
         return None
     beside = EquationIntegrator(explicit, names, made.rhs, made.sens, made.out, library, bend=made.bend)
-    return ChainIntegrator(explicit, names, chain, beside, names)
+    return ChainIntegrator(explicit, names, beside, names, chain)
 
 
 def _made_before_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> TrailingIntegrator | None:
@@ -320,7 +324,7 @@ def _made_before_chain(explicit: ExplicitModel, names: tuple[str, ...]) -> Trail
     if library is None:
         return None
     before = EquationIntegrator(chain.model, names, rhs, sens, out, library)
-    return TrailingIntegrator(explicit, names, chain, before, names)
+    return TrailingIntegrator(explicit, names, before, names, chain)
 
 
 def _affine_family(explicit: ExplicitModel) -> StateSpaceFamily | None:
