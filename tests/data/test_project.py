@@ -61,7 +61,7 @@ def test_everything_is_read(tmp_path):
     assert project.preparation.period == 0.05 and project.preparation.detrend == "mean"
     assert project.hold == "foh"
     assert project.parameters["spring.c"] == ParameterSetting(True, 0.04, 0.0, None, "log", is_start=True)
-    assert project.parameters["R"] == ParameterSetting(value=4.6)
+    assert project.parameters["R"] == ParameterSetting(False, 4.6)
     assert project.parameters["disc.J"] == ParameterSetting(estimate=False)
     assert project.process_noise["disc.flange_b.tau"].size == 1e-6
     assert project.measurement_noise["phi"].estimate is True
@@ -77,6 +77,20 @@ def test_prior_of_a_parameter(tmp_path, name, before):
     setting = load_project(tmp_path).parameters["spring.c"]
     assert setting.prior == Prior(0.04, 2e-3)
     assert setting.estimate == (True if before else None)
+
+
+@pytest.mark.parametrize(
+    ("setting", "estimate"),
+    [
+        ("value = 2", False),
+        ("value = 2, estimate = true", True),
+        ("start = 2", None),
+        ("value = 2, prior = { mean = 2, std = 0.1 }", None),
+    ],
+)
+def test_a_value_holds_what_nothing_else_estimates(tmp_path, setting, estimate):
+    project = load_project(write(tmp_path, f"[parameters]\nc = {{ {setting} }}\n"))
+    assert project.parameters["c"].estimate is estimate
 
 
 def test_no_file_is_an_empty_project(tmp_path, monkeypatch):

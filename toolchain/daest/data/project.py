@@ -69,8 +69,9 @@ KEYS: dict[str, dict[str, str]] = {
 @dataclass(frozen=True)
 class ParameterSetting:
     """The settings of one parameter in daest.toml. None: the model decides. `value` is the start value of an
-    estimated parameter and the value of any other, in the unit of the model; `is_start`: it was given
-    as where a search begins."""
+    estimated parameter and the value of any other, in the unit of the model; `is_start`: it was given as
+    where a search begins. A value that is given, and not as a start, holds the parameter unless
+    `estimate = true` or a prior stands beside it."""
 
     estimate: bool | None = None
     value: float | None = None
@@ -238,13 +239,15 @@ class _Reader:
             self._problem(
                 "config-value", f"'{name}' has a start and a value", place, "value", "keep one of them"
             )
+        estimate, prior = self._value(entry, place, "estimate", bool, _FLAG), self._prior(entry, place, name)
+        is_held = estimate is None and value is not None and prior is None
         setting = ParameterSetting(
-            estimate=self._value(entry, place, "estimate", bool, _FLAG),
+            estimate=False if is_held else estimate,
             value=start if start is not None else value,
             min=self._number(entry, place, "min"),
             max=self._number(entry, place, "max"),
             scale=self._choice(entry, place, "scale", ("auto", "linear", "log")),
-            prior=self._prior(entry, place, name),
+            prior=prior,
             is_start=start is not None,
         )
         self._check_bounds(name, place, setting)

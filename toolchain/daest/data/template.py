@@ -105,13 +105,12 @@ def _parameters(draft: Draft) -> Iterator[str]:
     for parameter in (p for p in draft.flat.parameters if not p.is_memory):
         shown = "" if parameter.estimate or parameter.name in draft.chosen else "# "
         remark = _remark(parameter.unit, parameter.description)
-        yield f"{shown}{_key(parameter.name)} = {_setting(parameter, parameter.name in draft.chosen)}{remark}"
+        yield f"{shown}{_key(parameter.name)} = {_setting(parameter)}{remark}"
 
 
-def _setting(parameter: Parameter, is_chosen: bool) -> str:
+def _setting(parameter: Parameter) -> str:
     if not parameter.estimate:
-        held = ", estimate = false" if is_chosen else ""
-        return f"{{ value = {parameter.value:.12g}{held} }}"
+        return f"{{ value = {parameter.value:.12g} }}"
     parts = ["estimate = true", f"start = {parameter.value:.12g}"]
     if parameter.min is not None:
         parts.append(f"min = {parameter.min:.12g}")
