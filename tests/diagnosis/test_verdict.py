@@ -12,7 +12,7 @@ from daest.diagnosis import verdict as verdict_module
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.coloured import Residual
 from daest.diagnosis.holds import says_as_much
-from daest.diagnosis.verdict import RECORDED, Evidence, Loads, decide
+from daest.diagnosis.verdict import MOVING, RECORDED, Evidence, Loads, decide
 from daest.model.diagnosis import Ahead, FreeForm, Load, PlaceGain, Proof, Screen, Screened, Unproved
 from daest.model.fit import Agreement, FittedParameter
 from daest.modelica.sites import sites
@@ -250,6 +250,23 @@ def test_errors_that_the_steps_of_a_sensor_make_last_are_no_dynamics(held, name)
 
 def replace_outputs(null, outputs):
     return SimpleNamespace(loads=null.loads, experiments=(SimpleNamespace(outputs=outputs),))
+
+
+@pytest.mark.parametrize(
+    ("inputs", "outputs", "name"),
+    [
+        (np.zeros(9), np.full(9, 0.3), "cannot tell"),
+        (np.arange(9.0), np.full(9, 0.3), "supported"),  # dry friction that holds
+        (np.zeros(9), 0.3 ** np.arange(9.0), "supported"),  # a free decay
+    ],
+)
+def test_unseen_data_in_which_nothing_moves_confirm_no_law(inputs, outputs, name):
+    unseen = SimpleNamespace(inputs=inputs[:, None], outputs=outputs[:, None])
+    found = decide(replace(evidence(proofs=[proof()]), validation=(unseen,)))
+    assert found.name == name and (found.next_experiment == MOVING) == (name != "supported")
+    assert (found.proofs[0].reason == "the unseen data stand still and confirm no law") == (
+        name != "supported"
+    )
 
 
 def test_unrelated_load_is_external():

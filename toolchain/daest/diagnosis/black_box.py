@@ -149,7 +149,7 @@ def diagnose_black_box(
         partial(_proof, refit), leaders, flat, baseline, options, progress, "fmu proof"
     )
     rest = Residual(lambda: is_white(residuals) or _is_noise_of(flat, baseline, estimation), "FMU")
-    evidence = Evidence(alone, screen, proofs, options.fitted, rest, unproved=unproved, is_closed=True)
+    evidence = Evidence(alone, screen, proofs, options.fitted, rest, None, unproved, True, tuple(validation))
     return diagnosis_of(evidence, baseline, _limits_of_the_box(case), began)
 
 

@@ -103,7 +103,16 @@ def _examined(
     proofs, unproved, is_whole = course.proofs()
     form = _told_by_rest(forms, proofs)
     loads = replace(loads, form=form)
-    evidence = verdicts.Evidence(stand.baseline, found, proofs, options.fitted, loads, stand.told, unproved)
+    evidence = verdicts.Evidence(
+        stand.baseline,
+        found,
+        proofs,
+        options.fitted,
+        loads,
+        stand.told,
+        unproved,
+        validation=stand.validation,
+    )
     decided = verdicts.decide(evidence)
     learned = None
     is_curve = decided.name == "unknown effect" and not decided.is_dynamic

@@ -21,7 +21,7 @@ from daest.diagnosis.screen import RTOL, run_null, screen
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.unseen import free_runs
 from daest.estimation.identify import identify
-from daest.estimation.setup import is_constant
+from daest.estimation.signals import is_constant
 from daest.model.diagnosis import Candidate, InUse, Screen
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, IdentifyOptions, error_ratios

@@ -16,8 +16,10 @@ from daest.diagnosis.open_loop import driven_share, largest_values, values_along
 from daest.diagnosis.screen import NullObserver, law_response, run_null
 from daest.diagnosis.trials import Prepared
 from daest.errors import DaestError
+from daest.estimation.signals import is_constant
 from daest.model.diagnosis import Candidate, FreeForm, Proof
 from daest.model.effects import EffectParameter
+from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter
 from daest.modelica.balances import needs_position
 from daest.quantities import spoken_duration
@@ -27,6 +29,15 @@ LOST = (
 )
 ABSOLUTE_VALUE = "Daest.Effects.Signals.AbsoluteValueSensor"
 PLACED = 0.5  # of what its variable reaches, from which a shape is looked for as a place along it
+
+
+def unmoved(validation: Sequence[Experiment]) -> str:
+    """Why unseen data confirm nothing in which no input and no output of any recording changes: they tell one
+    level of every output, which any law with a parameter more may hit. Empty where something changes."""
+    signals = [s[np.isfinite(s)] for e in validation for s in (*e.inputs.T, *e.outputs.T)]
+    if not validation or not all(is_constant(s) for s in signals if s.size):
+        return ""
+    return "the unseen data stand still and confirm no law"
 
 
 def undriven(model: Null) -> str:

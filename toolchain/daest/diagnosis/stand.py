@@ -25,7 +25,7 @@ from daest.diagnosis.unseen import adds_up, foreseen
 from daest.errors import EstimationError
 from daest.estimation.identify import identify, tied_parameters
 from daest.estimation.records import part_of
-from daest.estimation.setup import is_constant
+from daest.estimation.signals import is_constant
 from daest.model.diagnosis import Diagnosis, Proof, VerdictName
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment

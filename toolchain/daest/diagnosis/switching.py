@@ -101,7 +101,9 @@ def diagnose_switching(
         partial(_proof, refit), leaders, flat, baseline, options, progress, "events proof"
     )
     rest = Residual(lambda: is_white(residuals))
-    evidence = Evidence(baseline, screen, proofs, options.fitted, rest, unproved=unproved)
+    evidence = Evidence(
+        baseline, screen, proofs, options.fitted, rest, unproved=unproved, validation=tuple(validation)
+    )
     return diagnosis_of(evidence, baseline, " ".join(_remarks(case)), began)
 
 

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from daest.estimation.fitted import fitted_model
+from daest.estimation.signals import fit_percent
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult
@@ -94,17 +95,15 @@ def agreement(flat: Model, experiments: Sequence[Experiment], outputs: Sequence[
     fits: dict[str, float | None] = {}
     rms: dict[str, float | None] = {}
     for j, output in enumerate(flat.outputs):
-        error = spread = 0.0
-        count = 0
+        error, count = 0.0, 0
         for experiment, simulated in zip(experiments, outputs, strict=True):
             y = experiment.outputs[:, j]
             seen = np.isfinite(y)
             error += float(np.sum((y - simulated[:, j])[seen] ** 2))
-            spread += float(np.sum((y[seen] - y[seen].mean()) ** 2)) if seen.any() else 0.0
             count += int(seen.sum())
         known = count > 0 and np.isfinite(error)
         rms[output.name] = float(np.sqrt(error / count)) if known else None
-        fits[output.name] = 100.0 * (1.0 - float(np.sqrt(error / spread))) if known and spread > 0 else None
+        fits[output.name] = fit_percent((e.outputs[:, j] for e in experiments), error) if known else None
     return Agreement(fits, rms)
 
 

@@ -11,11 +11,12 @@ import numpy as np
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.load_starts import LoadStart, takes_over
 from daest.diagnosis.null import Null
-from daest.diagnosis.reasons import is_significant, told_values
+from daest.diagnosis.reasons import is_significant, told_values, unmoved
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.unseen import is_likelier, is_silent
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Unproved, VerdictName
 from daest.model.effects import Domain
+from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, error_ratios
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
@@ -33,6 +34,10 @@ WIDER_BAND = (
     "output."
 )
 RECORDED = ("estimation", "validation")
+MOVING = (
+    "Validate with data in which the machine moves: another share of the recording (--split), a part of it "
+    "(--from, --to), or another recording."
+)
 LARGER = "Record again with larger amplitudes, which show more of the form of the law."
 
 
@@ -58,6 +63,7 @@ class Evidence:
     told: FitResult | None = None  # of the model as it is, without coloured loads
     unproved: tuple[Unproved, ...] = ()
     is_closed: bool = False  # nothing can be put, or measured, between the parts of the model
+    validation: Sequence[Experiment] = ()
 
 
 @dataclass(frozen=True)
@@ -112,7 +118,12 @@ class Decided:
 
 def decide(evidence: Evidence) -> Decided:
     """The verdict, with the proofs as it leaves them. A claim needs a candidate that passed every gate of the
-    proof, and no leader of the screen that could not be tried."""
+    proof, unseen data in which something moves, and no leader of the screen that could not be tried."""
+    still = unmoved(evidence.validation)
+    if still:
+        rejected = tuple(_refused(p, still) for p in evidence.proofs)
+        decided = decide(replace(evidence, proofs=rejected, validation=()))
+        return decided if rejected == evidence.proofs else replace(decided, next_experiment=MOVING)
     accepted = [p for p in evidence.proofs if p.verdict != "rejected"]
     leader = _untried_leader(evidence, accepted)
     if accepted and leader is not None:
@@ -123,6 +134,10 @@ def decide(evidence: Evidence) -> Decided:
         return _beside(evidence, accepted, better.candidate.label, _explains_more(evidence, better), LARGER)
     decided = _decided(evidence, accepted, leader)
     return replace(decided, proofs=decided.proofs or evidence.proofs)
+
+
+def _refused(proof: Proof, reason: str) -> Proof:
+    return proof if proof.verdict == "rejected" else replace(proof, verdict="rejected", reason=reason)
 
 
 def _untried_leader(evidence: Evidence, accepted: Sequence[Proof]) -> Unproved | None:

@@ -11,6 +11,7 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.estimation.filters import FILTERS, usual_filter
 from daest.estimation.filters.case import AnyModel, Case, Estimates, FilterModel, linear_refused
+from daest.estimation.signals import fit_percent
 from daest.model.estimates import (
     FilterOptions,
     FilterResult,
@@ -171,7 +172,8 @@ def comparison(measured: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> O
     use = np.isfinite(measured) & np.isfinite(estimate) & (std <= spread)
     if not np.any(use):
         return OutputComparison(np.nan, np.nan, 0)
-    error, signal = measured[use] - estimate[use], measured[use] - np.mean(measured[use])
-    size = np.linalg.norm(signal)
-    fit = 100.0 * (1.0 - np.linalg.norm(error) / size) if size > 0 else np.nan
-    return OutputComparison(float(fit), float(np.sqrt(np.mean(error**2))), int(np.sum(use)))
+    squares = (measured[use] - estimate[use]) ** 2
+    fit = fit_percent([measured[use]], float(np.sum(squares)))
+    return OutputComparison(
+        np.nan if fit is None else fit, float(np.sqrt(np.mean(squares))), int(np.sum(use))
+    )

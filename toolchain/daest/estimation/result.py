@@ -15,6 +15,7 @@ from daest.estimation.identifiability import ROUNDING, Scores, correlation, unse
 from daest.estimation.profile import Searched, Tell, with_interval_check, with_profiles
 from daest.estimation.search import Found
 from daest.estimation.setup import Setup
+from daest.estimation.signals import fit_percent
 from daest.model.experiment import Experiment
 from daest.model.fit import (
     Agreement,
@@ -263,9 +264,7 @@ def agreement_of(
     for j, name in enumerate(names if errors is not None else ()):
         assert errors is not None
         left = np.concatenate([e[np.isfinite(e[:, j]), j] for e in errors])
-        seen = [m[np.isfinite(m[:, j]), j] for m in measured]
-        spread = sum(float(np.sum((m - m.mean()) ** 2)) for m in seen if m.size)
         if left.size:
             rms[name] = float(np.sqrt(np.mean(left**2)))
-            fits[name] = float(100.0 * (1.0 - np.sqrt(np.sum(left**2) / spread))) if spread > 0.0 else None
+            fits[name] = fit_percent((m[:, j] for m in measured), float(np.sum(left**2)))
     return Agreement(fits, rms)

@@ -20,6 +20,7 @@ from daest.estimation.gates import FIT
 from daest.estimation.identifiability import flat_directions, without_influence
 from daest.estimation.records import in_model_order, n_observed, part_of
 from daest.estimation.search import Evaluation
+from daest.estimation.signals import is_constant
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions, Method, NoiseChoice
 from daest.model.flat import FlatModel
@@ -152,11 +153,6 @@ def no_start(reason: str = "") -> EstimationError:
         remedy="check the start values of parameters and states; smooth discontinuities with a width; "
         "an unstable model overflows in a long simulation (use pem then)",
     )
-
-
-def is_constant(signal: np.ndarray) -> bool:
-    """Whether a signal (n_samples,) has one value, but for rounding."""
-    return float(np.ptp(signal)) <= FIT.constant_input * float(np.max(np.abs(signal), initial=0.0))
 
 
 def _settles(outputs: np.ndarray) -> bool:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from daest.estimation.signals import fit_percent
 from daest.model.comparison import Comparison, Finding
 from daest.report import figures as style
 from daest.report.console import LEAST_P, probability
@@ -99,10 +100,11 @@ def _run_rows(comparison: Comparison) -> list[tuple[Any, int]]:
 def _draw_values(comparison: Comparison, i: int, column: int, ax: Axes) -> None:
     experiment = comparison.experiments[column]
     measured = experiment.outputs[:, i]
+    seen = np.isfinite(measured)
     ax.plot(experiment.time, measured, **MEASURED)
     for model, name, line in zip(comparison.models, numbers(comparison), style.model_lines(), strict=False):
         simulated = model.simulated[column][:, i]
-        fit = _fit_percent(measured, measured - simulated)
+        fit = fit_percent([measured], float(np.sum((measured - simulated)[seen] ** 2)))
         label = name if fit is None else f"{name} ({_shown_percent(fit)} %)"
         ax.plot(experiment.time, simulated, lw=1.0, label=label, **line)
     label = style.label(comparison.output_names[i], comparison.output_units[i])
@@ -134,14 +136,6 @@ def _draw_enlarged(comparison: Comparison, i: int, column: int, ax: Axes) -> Non
     limit = CLOSE * max((float(np.nanmax(e)) for e in errors if np.isfinite(e).any()), default=best)
     ax.set_ylim(-limit, limit)
     ax.set_ylabel("enlarged\n" + style.label("error", comparison.output_units[i]))
-
-
-def _fit_percent(measured: np.ndarray, error: np.ndarray) -> float | None:
-    """100 (1 - |error| / |measured - mean|) of one recording; None where nothing varies."""
-    seen = np.isfinite(measured)
-    spread = np.linalg.norm(measured[seen] - measured[seen].mean()) if seen.any() else 0.0
-    fit = 100.0 * (1.0 - np.linalg.norm(error[seen]) / spread) if spread > 0.0 else np.nan
-    return float(fit) if np.isfinite(fit) else None
 
 
 def _columns(comparison: Comparison, tested: bool) -> list[Any]:
