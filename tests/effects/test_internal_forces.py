@@ -246,6 +246,49 @@ def test_effect_behind_a_gear_acts_on_either_side_by_its_ratio(tmp_path, text, c
         np.testing.assert_allclose(simulated(model), expected, rtol=1e-5)
 
 
+def test_play_between_a_pinion_and_its_rack_is_one_of_the_slide(tmp_path):
+    """A torque on the shaft by the radius, a force on the slide: the motion between them is one in metres."""
+    path = tmp_path / "Rack.mo"
+    path.write_text("""model Rack
+  parameter Real J(unit = "kg.m2") = 0.02;
+  parameter Real m(unit = "kg") = 0.5;
+  parameter Real r(unit = "m") = 0.1;
+  parameter Real c(unit = "N/m") = 50;
+  input Real u(unit = "N.m");
+  output Real y1(unit = "rad") = phi;
+  output Real y2(unit = "m") = s;
+  Real phi(unit = "rad", start = 0, fixed = true);
+  Real s(unit = "m", start = 0, fixed = true);
+  Real w(unit = "rad/s", start = 0, fixed = true);
+  Real v(unit = "m/s", start = 0, fixed = true);
+equation
+  der(phi) = w;
+  der(s) = v;
+  J*der(w) = u - r*c*(r*phi - s);
+  m*der(v) = c*(r*phi - s);
+end Rack;
+""")
+    flat, effect = compile_model(path), find_effect("Translational.HardeningSpring")
+    (site,) = [s for s in sites(flat) if s.kind == "force"]
+    assert (site.domain, site.given) == ("translational", {"c": "c"})
+
+    def motion(c3):
+        def rate(_, state):
+            phi, s, w, v = state
+            x = 0.1 * phi - s
+            force = 50 * x + c3 * x**3
+            return [w, v, (1.5 - 0.1 * force) / 0.02, force / 0.5]
+
+        return solve_ivp(rate, (0.0, 2.0), [0.0] * 4, method="LSODA", rtol=1e-9, atol=1e-12).y[:2, -1]
+
+    assert not np.allclose(motion(9e3)[1], motion(0.0)[1], rtol=1e-3)
+    for model in (
+        attach(flat, effect, site, values={"c3": 9e3}),
+        extend_model(path, None, effect, site, values={"c3": 9e3}).flat,
+    ):
+        np.testing.assert_allclose(simulated(model), motion(9e3), rtol=1e-5)
+
+
 @pytest.mark.parametrize(
     "terms",
     [

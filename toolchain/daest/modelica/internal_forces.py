@@ -343,15 +343,14 @@ def _in_balances(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[Interna
     acts = np.nan_to_num(at_points(flat, slopes, flat.theta_values))
     for k in range(acts.shape[1]):
         pair = np.flatnonzero(np.any(acts[:, k], axis=1)).tolist()
-        domains = {heavy[i][0].domain(flat) for i in pair}
-        if len(pair) != 2 or len(domains) != 1:
+        if len(pair) != 2:
             continue
         both = [heavy[i] for i in pair]
         is_opposite = np.allclose(acts[pair[0], k], -acts[pair[1], k], rtol=_TOLERANCE, atol=0.0)
         turned = _opposite if is_opposite else _geared
         ratios = turned(flat, slopes[pair, k], [body for body, _ in both])
-        domain = domains.pop()
-        if domain is None or not ratios:
+        domain = _domain_of_motion(flat, [body for body, _ in both], ratios)
+        if domain is None:
             continue
         shares = [signed(ratio) for ratio in ratios]
         entries = [
@@ -362,9 +361,25 @@ def _in_balances(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[Interna
         yield InternalForce(domain, joined, tuple(entries), deflection=_deflection(flat, joined))
 
 
+def _domain_of_motion(flat: FlatModel, bodies: Sequence[Balance], ratios: Sequence[ca.SX]) -> Domain | None:
+    """The domain of two bodies, or of that one whose motion the relative motion is measured in: of a slide on
+    a rack beside the shaft of its pinion. None where there is none, or there are no `ratios`."""
+    domains = [body.domain(flat) for body in bodies]
+    if not ratios or domains[0] == domains[1]:
+        return domains[0] if ratios else None
+    own = (d for d, ratio in zip(domains, ratios, strict=True) if abs(_number(ratio)) == 1.0)
+    return next(own, None)
+
+
+def _number(factor: ca.SX) -> float:
+    return float(factor) if factor.is_constant() else np.nan
+
+
 def _opposite(flat: FlatModel, acting: ca.SX, bodies: Sequence[Balance]) -> tuple[ca.SX, ...]:
     """The factors of the speeds of two bodies on which a parameter acts with opposite signs, if what it
     multiplies in their balances, `acting` (2,), changes with the motion of both; else none."""
+    if bodies[0].domain(flat) != bodies[1].domain(flat):
+        return ()
     moved = [ca.vertcat(*(flat.xi[i] for i in (b.variable, b.position) if i >= 0)) for b in bodies]
     follows = all(ca.depends_on(acting[i], one) for i in (0, 1) for one in moved)
     return (ca.SX(1.0), ca.SX(-1.0)) if follows else ()
