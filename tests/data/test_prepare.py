@@ -10,7 +10,7 @@ from daest.data.prepare import (
     Preparation,
     clear_period,
     detrend,
-    regular_times,
+    on_clock,
     resample,
     split_all,
     sufficient_period,
@@ -218,6 +218,46 @@ def test_unused_columns_are_resampled_like_inputs():
 def test_stamps_off_by_their_last_decimal_are_rounded(period, slip, is_uniform):
     time = period * np.arange(2000)
     time[700:] -= slip
-    grid, notes = regular_times(np.round(time, 3))
-    assert bool(notes) is is_uniform
-    assert np.allclose(np.diff(grid), np.diff(grid)[0], rtol=1e-9) is is_uniform
+    found = on_clock(recording(np.round(time, 3), time, time))
+    assert bool(found.notes) is is_uniform
+    assert (found.period is not None) is is_uniform
+
+
+def test_rows_that_a_clock_leaves_out_have_no_outputs_and_inputs_between_their_neighbours():
+    rng = np.random.default_rng(4)
+    kept = np.sort(np.concatenate([[0, 499], 1 + rng.permutation(498)[:430]]))
+    lost = np.setdiff1d(np.arange(500), kept)
+    time = 2.0 + 0.01 * np.arange(500)
+    u, y = np.cumsum(rng.normal(size=500)), rng.normal(size=500)
+    whole = replace(recording(time, u, y), extra={"angle": 3.0 * u})
+    found = on_clock(
+        replace(
+            whole,
+            time=whole.time[kept],
+            inputs=whole.inputs[kept],
+            outputs=whole.outputs[kept],
+            extra={"angle": 3.0 * u[kept]},
+        )
+    )
+    assert found.period == pytest.approx(0.01) and found.n_samples == 500
+    assert found.time == pytest.approx(time)
+    np.testing.assert_array_equal(found.outputs[kept], whole.outputs[kept])
+    assert np.isnan(found.outputs[lost]).all()
+    between = np.interp(time, time[kept], u[kept])
+    np.testing.assert_allclose(found.inputs[:, 0], between, atol=1e-12)
+    np.testing.assert_allclose(found.extra["angle"], 3.0 * between, atol=1e-12)
+    assert found.notes[-1].startswith("68 of 500 rows are left out on a clock of 0.01 s")
+
+
+@pytest.mark.parametrize(
+    "time",
+    [
+        np.arange(500)[np.random.default_rng(1).uniform(size=500) < 0.4],  # most are left out
+        np.concatenate([np.arange(100), np.arange(150, 300)]),  # a pause
+        np.cumsum(np.random.default_rng(2).uniform(0.5, 2.5, size=300)),  # no clock
+    ],
+    ids=["few", "pause", "jitter"],
+)
+def test_times_that_no_clock_gives_stay_uneven(time):
+    record = recording(0.01 * time, np.sin(time), np.cos(time))
+    assert on_clock(record) is record

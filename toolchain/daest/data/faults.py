@@ -318,9 +318,13 @@ def clock_findings(time: np.ndarray) -> list[Finding]:
 
 def unevenness(time: np.ndarray) -> float:
     """Spread of the steps of increasing times (n_samples,), relative to their median: that of the more uneven
-    half, because a clock that changes its rate once is even before and after."""
+    half, because a clock that changes its rate once is even before and after. A step over samples that were
+    lost counts as so many."""
     steps = np.diff(time)
-    halves = (half[half > 0] for half in np.array_split(steps, 2))
+    steps = steps[steps > 0]
+    if steps.size:
+        steps = steps / np.maximum(np.round(steps / np.median(steps)), 1.0)
+    halves = np.array_split(steps, 2)
     quantiles = [np.quantile(half, [0.05, 0.5, 0.95]) for half in halves if half.size]
     return max((float(0.5 * (high - low) / step) for low, step, high in quantiles), default=0.0)
 

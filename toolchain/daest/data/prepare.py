@@ -61,22 +61,70 @@ class Preparation:
             )
 
 
-def regular_times(time: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
-    """The uniform grid through `time` if no stamp is off by more than `DATA.grid` or the last decimal of the
-    stamps, else `time` itself; and a note if the stamps were not uniform already. Shapes: time (n_samples,)
-    [s]."""
-    n = time.size
-    if n < 3:
-        return time, ()
-    slope = np.polyfit(np.arange(n), time - time[0], 1)[0]
+def on_clock(experiment: Experiment) -> Experiment:
+    """The recording on the uniform clock through its time stamps, if there is one (`_clock`): rows that it
+    left out have no outputs, and inputs on straight lines between their neighbours; notes say so."""
+    clock = _clock(experiment.time)
+    if clock is None:
+        return experiment
+    time, rows, notes = clock
+    lost = np.setdiff1d(np.arange(time.size), rows)
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        return np.full((time.size, *values.shape[1:]), np.nan)
+
+    def filled(values: np.ndarray) -> np.ndarray:
+        if not lost.size:
+            return values
+        whole, missing = spread(values), np.zeros((time.size, values.shape[1]), dtype=bool)
+        whole[rows], missing[lost] = values, True
+        return bridged(whole, missing)
+
+    outputs = spread(experiment.outputs)
+    outputs[rows] = experiment.outputs
+    return replace(
+        experiment,
+        time=time,
+        inputs=filled(experiment.inputs),
+        outputs=outputs,
+        extra={name: filled(values[:, None])[:, 0] for name, values in experiment.extra.items()},
+        notes=(*experiment.notes, *notes),
+    )
+
+
+def _clock(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]] | None:
+    """The times (n,) of a uniform clock of which the stamps `time` (n_samples,) [s] leave out at most
+    `DATA.most_lost` of all and no more than a pause in one place, if none is off by more than `DATA.grid` or
+    the last decimal of the stamps; the place (n_samples,) of every stamp among them; and notes on stamps that
+    were not uniform already. None where there is no such clock."""
+    if time.size < 3:
+        return None
+    steps = np.diff(time)
+    counts = np.round(steps / np.median(steps))
+    rows = np.concatenate([[0], np.cumsum(counts)]).astype(int)
+    n = int(rows[-1]) + 1
+    n_lost = n - time.size
+    is_told = steps.size >= DATA.clock_steps and counts.max() <= DATA.pause and n_lost <= DATA.most_lost * n
+    if counts.min() < 1 or (n_lost and not is_told):
+        return None
+    slope = np.polyfit(rows, time - time[0], 1)[0]
     period = float(f"{slope:.9g}")
     grid = time[0] + period * np.arange(n)
-    off = float(np.max(np.abs(grid - time))) / period
+    off = float(np.max(np.abs(grid[rows] - time))) / period
     if off > DATA.grid and off > _last_decimal(time, DATA.last_decimal * period) / period:
-        return time, ()
-    note = f"time stamps taken as uniform, period {period:.9g} s (off by at most {100 * off:.2g} % of it)"
+        return None
+    notes = []
     # Below 1e-6 of a period it is the rounding of the decimals in the file, not worth a word.
-    return grid, (note,) if off > 1e-6 else ()
+    if off > 1e-6:
+        notes.append(
+            f"time stamps taken as uniform, period {period:.9g} s (off by at most {100 * off:.2g} % of it)"
+        )
+    if n_lost:
+        notes.append(
+            f"{n_lost} of {n} rows are left out on a clock of {period:.9g} s: outputs are missing there, "
+            "inputs lie on straight lines between their neighbours"
+        )
+    return grid, rows, tuple(notes)
 
 
 def _last_decimal(time: np.ndarray, most: float) -> float:

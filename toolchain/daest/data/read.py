@@ -12,7 +12,7 @@ import numpy as np
 
 from daest.data import FORMATS
 from daest.data.csv_file import ALL
-from daest.data.prepare import Preparation, prepare, regular_times
+from daest.data.prepare import Preparation, on_clock, prepare
 from daest.data.table import (
     Column,
     Part,
@@ -222,7 +222,6 @@ def _experiment(
     for i, signal in enumerate(outputs):
         _check_output(table, matched.get(signal.name), y[:, i], notes, problems)
     raise_collected(problems, table.file)
-    time, time_notes = regular_times(time[keep])
     used = {column.position or column.name for column in (*matched.values(), time_column)}
     extra = {
         column.name: column.values[keep]
@@ -231,15 +230,15 @@ def _experiment(
     }
     experiment = Experiment(
         Path(table.file).stem,
-        time,
+        time[keep],
         u,
         y,
         tuple(signal.name for signal in inputs),
         tuple(signal.name for signal in outputs),
         extra,
-        (*table.notes, *notes, *time_notes),
+        (*table.notes, *notes),
     )
-    return prepare(experiment, preparation)
+    return prepare(on_clock(experiment), preparation)
 
 
 def within(table: Table, start: float | None, stop: float | None, time: str | None = None) -> Table:

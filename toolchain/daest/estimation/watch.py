@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daest.data.prepare import regular_times
+from daest.data.prepare import on_clock
 from daest.estimation.change import (
     CHARTS,
     ChartState,
@@ -82,14 +82,14 @@ def before_change(samples: Iterable[Sample], alarm: Alarm) -> list[Sample]:
 
 def recording_of(samples: Sequence[Sample], online: OnlineFilter) -> Experiment:
     """The samples, in the names of the filter that they came to."""
-    time, notes = regular_times(np.array([sample.time for sample in samples]))
-    return Experiment(
+    recorded = Experiment(
         "stream",
-        time,
+        np.array([sample.time for sample in samples]),
         np.array([sample.inputs for sample in samples]),
         np.array([sample.outputs for sample in samples]),
         online.input_names,
         online.output_names,
         {},
-        tuple(notes),
+        (),
     )
+    return on_clock(recorded)
