@@ -1241,3 +1241,18 @@ def test_dead_zone_with_wide_corners_is_not_told_from_another_bend():
     assert [p.verdict for p in ranked([wide, square])] == ["not separable"] * 2
     assert [p.verdict for p in ranked([sharp, square])] == ["supported", "rejected"]
     assert [p.verdict for p in ranked([wide, law("QuadraticGain", 0.5, a=8.7)])] == ["supported", "rejected"]
+
+
+@pytest.mark.parametrize(("samples", "free"), [(0.3, 2), (1.0, 2), (2.5, 4), (40.0, 11)])
+def test_dead_time_begins_with_no_more_than_went_into_it_before(samples, free):
+    """One number a sample: a dead time of one sample is charged as the lag is that says the same."""
+    null = rubbing().null
+    delay = next(c for c in pairs(some_effects("Delay"), sites(model())) if c.site.name == "u")
+    prepared = prepare(null.flat, null.estimated, Trial(delay, (0.01,), ()))
+    period = null.experiments[0].period
+    fit = SimpleNamespace(theta={f"{delay.name}.T": samples * period})
+    found = SimpleNamespace(
+        prepared=prepared, refit=SimpleNamespace(fit=fit), experiments=null.experiments, gain=100.0
+    )
+    judge = proving._Judge(null, null.fit, found, (), None, None, 1, None, None, None)
+    assert judge.n_own == free

@@ -9,6 +9,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from daest.diagnosis.dead_times import DELAY
 from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.gates import GATES
@@ -195,7 +196,18 @@ class _Judge:
 
     @cached_property
     def n_own(self) -> int:
-        return self.prepared.n_unknowns(self.null.estimated)
+        return self.prepared.n_unknowns(self.null.estimated) - self._n_never_recorded
+
+    @property
+    def _n_never_recorded(self) -> int:
+        """How many of the states that a dead time begins with cannot follow anything: what went in before the
+        first sample comes out while it lasts, which is as many samples."""
+        candidate = self.candidate
+        if candidate.effect.class_name != DELAY:
+            return 0
+        lasts = self.found.refit.fit.theta[f"{candidate.name}.{candidate.effect.sizes[0].name}"]
+        n_samples = int(np.ceil(lasts / period_of(self.found.experiments)))
+        return max(candidate.n_memory - max(n_samples, 1), 0)
 
     @cached_property
     def delta_bic(self) -> float:
