@@ -670,6 +670,20 @@ def test_law_of_which_nothing_is_known_is_out_of_the_way_where_its_form_is_not_s
     assert not formless.is_known
 
 
+def test_what_lasts_as_long_as_the_unseen_data_is_not_known_by_them(monkeypatch):
+    """Most of what a dead time does there was before they began, and that may follow any transient."""
+    asked = []
+
+    def slow(experiments, *given):
+        asked.append(tuple(experiments))
+        return "too long"
+
+    monkeypatch.setattr(proving, "too_slow", slow)
+    _, proof = proved.__wrapped__()
+    assert not proof.is_known and proof.verdict == "supported"
+    assert asked == [tuple(rubbing().validation)]
+
+
 def test_store_of_no_size_is_not_known_by_the_time_in_which_its_own_start_dies_out():
     """A wall that takes no heat and begins at a million degrees is a load that decays."""
     _, proof = proved()
@@ -1158,9 +1172,9 @@ def test_delay_of_a_good_part_of_the_recordings_is_no_finding(share, is_long):
     longest = max(e.time[-1] - e.time[0] for e in run.null.experiments)
     delay = next(c for c in pairs(some_effects("Delay"), sites(model())) if c.site.name == "u")
     fit = SimpleNamespace(theta={f"{delay.name}.T": share * longest})
-    assert bool(too_slow(run.null, delay, fit)) == is_long
+    assert bool(too_slow(run.null.experiments, delay, fit)) == is_long
     gain = next(c for c in pairs(some_effects("Gain"), sites(model())) if c.site.name == "u")
-    assert too_slow(run.null, gain, SimpleNamespace(theta={f"{gain.name}.g": 1e6})) == ""
+    assert too_slow(run.null.experiments, gain, SimpleNamespace(theta={f"{gain.name}.g": 1e6})) == ""
 
 
 def test_kink_too_sharp_for_any_observer_does_not_take_the_place_of_a_rounder_one():

@@ -21,6 +21,7 @@ from daest.diagnosis.reasons import (
     lag_too_short,
     not_determined,
     other_dynamics,
+    too_slow,
     undriven,
     unexplained,
     vanished,
@@ -232,12 +233,17 @@ class _Judge:
             takes_little=bool(reason) and reason == unexplained(explained, told.ratios),
             is_any_dynamics=bool(too_short) and reason == too_short,
             comes_near=bool(near) and reason == near,
-            is_known=not told.unseen_form and not vague,
+            is_known=not told.unseen_form and not vague and not self._is_before_unseen(told),
             confirmed=told.confirmed,
             adds_up=self.reference is not None and self.reference.adds_up,
             in_use=told.in_use,
             is_shown=told.is_shown,
         )
+
+    def _is_before_unseen(self, told: _Told) -> bool:
+        """Whether a lag or dead time is so long that what it does to the unseen data is mostly what was
+        before these began, which may follow any transient."""
+        return bool(self.validation and too_slow(self.validation, self.candidate, told.final or told.fit))
 
     @property
     def _before(self) -> FitResult:

@@ -18,6 +18,7 @@ from daest.diagnosis.trials import Prepared
 from daest.errors import DaestError
 from daest.model.diagnosis import Candidate, FreeForm, Proof
 from daest.model.effects import EffectParameter
+from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter
 from daest.modelica.balances import needs_position
 from daest.quantities import spoken_duration
@@ -172,12 +173,12 @@ def out_of_reach(model: Null, candidate: Candidate, told: FitResult) -> str:
     return beyond
 
 
-def too_slow(model: Null, candidate: Candidate, told: FitResult) -> str:
+def too_slow(experiments: Sequence[Experiment], candidate: Candidate, told: FitResult) -> str:
     """Why a lag or a delay is not what its name says, where its time is such a share of the recordings that
     these hardly show the signal come back: most of it is then what was before they began, or an integral.
     Empty where it is not."""
     times = [told.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes if p.unit == "s"]
-    most = GATES.longest_load * max(float(e.time[-1] - e.time[0]) for e in model.experiments)
+    most = GATES.longest_load * max(float(e.time[-1] - e.time[0]) for e in experiments)
     if not candidate.is_dynamic or max(times, default=0.0) <= most:
         return ""
     longest = max(times)
@@ -205,7 +206,7 @@ def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
 
 def beyond_recordings(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why the law lies beyond what the recordings reach or show; empty where it does not."""
-    reason = out_of_reach(model, candidate, told) or too_slow(model, candidate, told)
+    reason = out_of_reach(model, candidate, told) or too_slow(model.experiments, candidate, told)
     return reason or straight(model, candidate, told)
 
 
