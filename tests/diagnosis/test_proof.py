@@ -25,6 +25,7 @@ from daest.diagnosis.reasons import (
     is_significant,
     lag_too_short,
     not_determined,
+    same_in_machine,
     straight,
     told_values,
     too_slow,
@@ -362,6 +363,33 @@ def test_limit_that_the_signal_is_always_beyond_is_a_gain(name, limit, gain):
     found = straight(grown(stand.null, begun, reduce_index(begun), fit, stand.null.experiments), cut, fit)
     said = f"the recordings show no bend of it: it is a gain of {gain} and an offset of "
     assert found.startswith(said) if gain else not found, found
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "is_same"),
+    [
+        ("QuadraticGain", {"a": -0.05}, True),
+        ("QuadraticGain", {"a": -3.0}, False),  # reads less where there is more
+        ("Saturation", {"share": 0.5, "limit": 0.3}, True),
+        ("Saturation", {"share": 1.0, "limit": 0.3}, False),  # tells nothing beyond
+        ("AbsoluteValueSensor", {"share": 1.0}, False),  # tells no sign
+        ("Gain", {"g": 0.4}, False),  # does not bend
+        ("Drift", {"r": 0.01}, False),  # is no function of the signal
+    ],
+)
+def test_sensor_that_bends_and_tells_all_is_a_machine_that_bends(name, values, is_same):
+    """z = g(y) of y' = f(y, u) is the machine z' = g'(y) f(y, u); a signal before the machine is none."""
+    stand = rubbing()
+    found = [c for c in pairs(some_effects(name), sites(model())) if c.site.kind in ("input", "output")]
+    assert found
+    for bent in found:
+        flat = attach(stand.null.flat, bent.effect, bent.site, bent.name, values)
+        own = {f"{bent.name}.{key}": value for key, value in values.items()}
+        fit = replace(stand.baseline, theta={**stand.baseline.theta, **own})
+        bends = grown(stand.null, flat, reduce_index(flat), fit, stand.null.experiments)
+        said = same_in_machine(bends, bent, fit)
+        expected = (f"a machine that bends alike before {bent.site.name}",)
+        assert said == (expected if is_same and bent.site.kind == "output" else ())
 
 
 def test_size_as_large_as_it_can_be_is_no_weakness():
