@@ -22,6 +22,7 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import _is_much_left, with_steady_error
 from daest.diagnosis.ranking import _ends_in_a_simpler_law, best_accepted, least_hope, ranked
 from daest.diagnosis.reasons import (
+    is_history,
     is_significant,
     lag_too_short,
     not_determined,
@@ -1192,6 +1193,22 @@ def test_lag_shorter_than_anything_in_the_model_is_no_finding(T, is_short):
     assert not is_short or "0.1 s is short beside" in lag_too_short(run.null, lag, fit)
     friction = pairs(some_effects("CoulombFriction"), sites(model()))[0]
     assert lag_too_short(run.null, friction, SimpleNamespace(theta={f"{friction.name}.tau_c": 0.1})) == ""
+
+
+@pytest.mark.parametrize("share, is_all", [(0.2, False), (0.3, True)])
+def test_delay_of_what_keeps_its_level_is_its_own_history(share, is_all):
+    """Ten states over most of a recording may follow any transient: no rival of a law that acts in it."""
+    moved = quiet()[1].null.experiments
+    still = [replace(e, inputs=np.full_like(e.inputs, 2.0)) for e in moved]
+    longest = max(e.time[-1] - e.time[0] for e in moved)
+    at = {c.site.kind: c for c in pairs(some_effects("Delay"), sites(model()))}
+    for experiments, kind, expected in (
+        (still, "input", is_all),
+        (moved, "input", False),
+        (still, "output", False),
+    ):
+        fit = SimpleNamespace(theta={f"{at[kind].name}.T": share * longest})
+        assert is_history(experiments, at[kind], fit) == expected
 
 
 @pytest.mark.parametrize("share, is_long", [(0.2, False), (0.3, True), (1.5, True)])

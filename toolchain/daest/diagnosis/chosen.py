@@ -34,7 +34,7 @@ def chosen_candidates(
     none = {
         name for name in experiments[0].input_names if not any(np.any(e.input(name)) for e in experiments)
     }
-    moves = any(np.any(np.ptp(e.inputs, axis=0)) for e in experiments)
+    moves = not all(e.keeps_level(name) for e in experiments for name in e.input_names)
     runs_by_itself = not moves and len(experiments[0].output_names) == 1
     return tuple(
         c

@@ -18,6 +18,7 @@ from daest.diagnosis.ranking import ahead_of, least_hope
 from daest.diagnosis.reasons import (
     LOST,
     beyond_recordings,
+    is_history,
     lag_too_short,
     not_determined,
     other_dynamics,
@@ -323,6 +324,7 @@ class _Judge:
         is_open = not (gone or unseen_form or vague)
         if is_open:
             unseen_form = beyond_recordings(self.with_effect, candidate, last)
+            is_open = not is_history(self.fed.experiments, candidate, last)
         reason = gone or unseen_form or vague
         reason = reason or weak(prepared, final if is_shown and final else fit, self._before)
         alone = grown(self.fed, prepared.flat, explicit, last, self.found.experiments)

@@ -186,6 +186,14 @@ def too_slow(experiments: Sequence[Experiment], candidate: Candidate, told: FitR
     return f"{spoken_duration(longest)} is too long for recordings that show up to {spoken_duration(most)}"
 
 
+def is_history(experiments: Sequence[Experiment], candidate: Candidate, told: FitResult) -> bool:
+    """Whether a lag or a delay is all made of what was before the recordings began: it is too slow for them,
+    and its input keeps its level in all of them. It may follow any transient, and is no rival of a law."""
+    at_input = candidate.site.kind == "input"
+    rests = at_input and all(e.keeps_level(candidate.site.name) for e in experiments)
+    return rests and bool(too_slow(experiments, candidate, told))
+
+
 def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why a law that bends a signal at places along it is not what its name says, where the recordings show
     it straight: a gain with an offset, which other parameters may be, too. Empty where it bends."""
