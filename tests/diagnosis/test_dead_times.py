@@ -1,5 +1,6 @@
 """Dead times found by shifts of a recording. Simulated by LSODA."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -107,6 +108,29 @@ def test_what_runs_by_itself_is_not_late(n_outputs):
     late = {c.site.name for c in found if c.effect.name == "Delay"}
     assert late == (set() if n_outputs == 1 else set(names))
     assert "Lag" in {c.effect.name for c in found}
+
+
+DRIVEN_ROLL_OUT = ROLL_OUT.replace("  Real v", '  input Real f(unit = "N");\n  Real v').replace(
+    "-f0", "f - f0"
+)
+
+
+@pytest.mark.parametrize("forces", [(0.0, 0.0), (-3.0, 5.0), (0.0, 5.0)])
+def test_what_is_zero_is_not_late(forces):
+    """A lag at an input of zero dies out from its own start; what keeps another level was switched on."""
+    places = sites(compile_text(DRIVEN_ROLL_OUT.encode(), Path("RollOut.mo")))
+    time, outputs = np.arange(50.0), np.ones((50, 1))
+    rest = [Experiment("run", time, np.full((50, 1), f), outputs, ("f",), ("speed",)) for f in forces]
+
+    def late(records):
+        found = chosen_candidates(effect_library(), places, records, DiagnoseOptions())
+        assert "Gain at f" in {c.label for c in found}
+        return {c.label for c in found if c.effect.name in ("Lag", "Delay") and c.is_of_recorded}
+
+    at_force = {"Lag at f", "Delay at f"}
+    assert late(rest) == {"Lag at speed", *(at_force if any(forces) else ())}, "as late from another start"
+    moved = replace(rest[0], inputs=np.where(time > 25.0, 1.0, forces[0])[:, None])
+    assert late([moved, rest[1]]) == {*at_force, "Lag at speed", "Delay at speed"}
 
 
 @pytest.mark.parametrize("period", [0.01, 40.0])

@@ -22,9 +22,11 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import _is_much_left, with_steady_error
 from daest.diagnosis.ranking import _ends_in_a_simpler_law, best_accepted, least_hope, ranked
 from daest.diagnosis.reasons import (
+    is_history,
     is_significant,
     lag_too_short,
     not_determined,
+    same_in_machine,
     straight,
     told_values,
     too_slow,
@@ -364,6 +366,33 @@ def test_limit_that_the_signal_is_always_beyond_is_a_gain(name, limit, gain):
     assert found.startswith(said) if gain else not found, found
 
 
+@pytest.mark.parametrize(
+    ("name", "values", "is_same"),
+    [
+        ("QuadraticGain", {"a": -0.05}, True),
+        ("QuadraticGain", {"a": -3.0}, False),  # reads less where there is more
+        ("Saturation", {"share": 0.5, "limit": 0.3}, True),
+        ("Saturation", {"share": 1.0, "limit": 0.3}, False),  # tells nothing beyond
+        ("AbsoluteValueSensor", {"share": 1.0}, False),  # tells no sign
+        ("Gain", {"g": 0.4}, False),  # does not bend
+        ("Drift", {"r": 0.01}, False),  # is no function of the signal
+    ],
+)
+def test_sensor_that_bends_and_tells_all_is_a_machine_that_bends(name, values, is_same):
+    """z = g(y) of y' = f(y, u) is the machine z' = g'(y) f(y, u); a signal before the machine is none."""
+    stand = rubbing()
+    found = [c for c in pairs(some_effects(name), sites(model())) if c.site.kind in ("input", "output")]
+    assert found
+    for bent in found:
+        flat = attach(stand.null.flat, bent.effect, bent.site, bent.name, values)
+        own = {f"{bent.name}.{key}": value for key, value in values.items()}
+        fit = replace(stand.baseline, theta={**stand.baseline.theta, **own})
+        bends = grown(stand.null, flat, reduce_index(flat), fit, stand.null.experiments)
+        said = same_in_machine(bends, bent, fit)
+        expected = (f"a machine that bends alike before {bent.site.name}",)
+        assert said == (expected if is_same and bent.site.kind == "output" else ())
+
+
 def test_size_as_large_as_it_can_be_is_no_weakness():
     prepared, proof = proved()
     assert weak(prepared, changed_size(proof.fit, at_bound="max", std_error=None), proof.fit) == ""
@@ -668,6 +697,20 @@ def test_law_of_which_nothing_is_known_is_out_of_the_way_where_its_form_is_not_s
     assert vague.is_vague and not vague.is_open
     assert formless.reason == said and not formless.is_vague and not formless.is_open
     assert not formless.is_known
+
+
+def test_what_lasts_as_long_as_the_unseen_data_is_not_known_by_them(monkeypatch):
+    """Most of what a dead time does there was before they began, and that may follow any transient."""
+    asked = []
+
+    def slow(experiments, *given):
+        asked.append(tuple(experiments))
+        return "too long"
+
+    monkeypatch.setattr(proving, "too_slow", slow)
+    _, proof = proved.__wrapped__()
+    assert not proof.is_known and proof.verdict == "supported"
+    assert asked == [tuple(rubbing().validation)]
 
 
 def test_store_of_no_size_is_not_known_by_the_time_in_which_its_own_start_dies_out():
@@ -1152,15 +1195,31 @@ def test_lag_shorter_than_anything_in_the_model_is_no_finding(T, is_short):
     assert lag_too_short(run.null, friction, SimpleNamespace(theta={f"{friction.name}.tau_c": 0.1})) == ""
 
 
+@pytest.mark.parametrize("share, is_all", [(0.2, False), (0.3, True)])
+def test_delay_of_what_keeps_its_level_is_its_own_history(share, is_all):
+    """Ten states over most of a recording may follow any transient: no rival of a law that acts in it."""
+    moved = quiet()[1].null.experiments
+    still = [replace(e, inputs=np.full_like(e.inputs, 2.0)) for e in moved]
+    longest = max(e.time[-1] - e.time[0] for e in moved)
+    at = {c.site.kind: c for c in pairs(some_effects("Delay"), sites(model()))}
+    for experiments, kind, expected in (
+        (still, "input", is_all),
+        (moved, "input", False),
+        (still, "output", False),
+    ):
+        fit = SimpleNamespace(theta={f"{at[kind].name}.T": share * longest})
+        assert is_history(experiments, at[kind], fit) == expected
+
+
 @pytest.mark.parametrize("share, is_long", [(0.2, False), (0.3, True), (1.5, True)])
 def test_delay_of_a_good_part_of_the_recordings_is_no_finding(share, is_long):
     _, run = quiet()
     longest = max(e.time[-1] - e.time[0] for e in run.null.experiments)
     delay = next(c for c in pairs(some_effects("Delay"), sites(model())) if c.site.name == "u")
     fit = SimpleNamespace(theta={f"{delay.name}.T": share * longest})
-    assert bool(too_slow(run.null, delay, fit)) == is_long
+    assert bool(too_slow(run.null.experiments, delay, fit)) == is_long
     gain = next(c for c in pairs(some_effects("Gain"), sites(model())) if c.site.name == "u")
-    assert too_slow(run.null, gain, SimpleNamespace(theta={f"{gain.name}.g": 1e6})) == ""
+    assert too_slow(run.null.experiments, gain, SimpleNamespace(theta={f"{gain.name}.g": 1e6})) == ""
 
 
 def test_kink_too_sharp_for_any_observer_does_not_take_the_place_of_a_rounder_one():

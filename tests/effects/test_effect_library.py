@@ -38,10 +38,11 @@ EXPECTED = {
             "BrushVoltageDrop",
             "TemperatureDependentResistance",
             "Leakage",
+            "GrowingCapacity",
         ]
     ),
     "Thermal": frozenset(["Radiation", "MeasuredHeatGain", "MeasuredVentilation"]),
-    "Hydraulic": frozenset(["Orifice", "Overflow", "Weir", "Downpipe", "FreeOutlet"]),
+    "Hydraulic": frozenset(["Orifice", "Overflow", "Weir", "Downpipe", "FreeOutlet", "WideningTank"]),
     "Signals": frozenset(
         [
             *("DeadZone", "Saturation", "OneSidedLimit", "Offset", "Gain", "QuadraticGain", "Lag", "Delay"),
@@ -130,8 +131,9 @@ def test_states_and_dynamics() -> None:
     dynamic = {effect.name for effect in EFFECTS if effect.is_dynamic}
     assert dynamic == {
         *("ExtraInertia", "ExtraMass", "ExtraCompliance", "Inductance", "SaturatingInductance"),
-        *("Lag", "Delay"),
+        *("Lag", "Delay", "GrowingCapacity", "WideningTank"),
     }
+    assert {effect.name for effect in EFFECTS if effect.is_of_store} == {"GrowingCapacity", "WideningTank"}
 
 
 # --- classes of one's own ---------------------------------------------------------------------------

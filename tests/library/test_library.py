@@ -189,6 +189,7 @@ def test_components_are_terms_of_equations(s: complex) -> None:
     assert found["M", "y_w"] == pytest.approx(1 / (3 * s + 17), rel=1e-10)
     assert found["P", "y_T"] == pytest.approx(1 / (4 * s + 19), rel=1e-10)
     assert found["Q", "y_p"] == pytest.approx(1 / (5 * s + 2), rel=1e-10)
+    assert found["I", "y_u"] == pytest.approx(1 / (6 * s + 4), rel=1e-10)
     assert found["U", "y_i"] == pytest.approx(1 / (0.7 * s + 23), rel=1e-10)
     assert found["U", "y_j"] == pytest.approx(1 / 29, rel=1e-10)
     assert found["B", "y_q"] == pytest.approx(1 / (37 * s + 31), rel=1e-10)

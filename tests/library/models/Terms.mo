@@ -44,6 +44,13 @@ model Terms "Balances written as equations, with components as their terms"
   Daest.Terms.TorqueOfSpeed w_term(w = w2) "Term";
   Daest.Terms.HeatFlow T_term(T = T + 273.15) "Term";
   Daest.Terms.VolumeFlow p_term(p = p) "Term";
+  Daest.Blocks.Interfaces.RealInput I(unit = "A", start = 0) "Current into the node";
+  Real u_c(unit = "V", start = 0) "Voltage of the node";
+  output Real y_u(unit = "V") = u_c "Voltage of the node";
+  parameter Real C_u(unit = "F") = 6 "Capacity";
+  Daest.Terms.Current u_term(v = u_c) "Term";
+  Daest.Electrical.Analog.Basic.Resistor shunt(R = 0.25) "To ground";
+  Daest.Electrical.Analog.Basic.Ground ground "Ground";
   Daest.Mechanics.Translational.Components.Spring spring(c = 7) "From the body with position to the wall";
   Daest.Mechanics.Translational.Components.Damper damper(d = 11) "From the body without position to the wall";
   Daest.Mechanics.Translational.Components.Fixed wall "Wall";
@@ -55,6 +62,9 @@ model Terms "Balances written as equations, with components as their terms"
   Daest.Hydraulic.Components.LinearResistance line(R = 0.5) "From the tank to the outside";
   Daest.Hydraulic.Sources.FixedPressure outside(p = 0) "Outside";
 equation
+  C_u*der(u_c) + u_term.total = I;
+  connect(u_term.pin, shunt.p);
+  connect(shunt.n, ground.p);
   der(s) = v;
   m*der(v) + s_term.total = F;
   m*der(v2) + v_term.total = F;

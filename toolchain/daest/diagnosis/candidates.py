@@ -68,17 +68,21 @@ def keeping_order(
     flat: FlatModel, explicit: ExplicitModel, candidates: Sequence[Candidate]
 ) -> tuple[Candidate, ...]:
     """The candidates, with a word where an effect that changes the order elsewhere keeps that of `explicit`,
-    the explicit form of `flat`."""
+    the explicit form of `flat`; those of a store only where they do, since there is one."""
 
     def keeps(candidate: Candidate) -> bool:
         if not candidate.effect.is_dynamic or candidate.is_of_signal:
             return False
         try:
-            return reduce_index(attached(flat, [candidate])).state_names == explicit.state_names
+            grown = reduce_index(attached(flat, [candidate]))
         except DaestError:
             return False
+        # What an input holds is no store, though its rate is known.
+        is_held = len(grown.input_derivatives) > len(explicit.input_derivatives)
+        return grown.state_names == explicit.state_names and not (candidate.effect.is_of_store and is_held)
 
-    return tuple(replace(c, keeps_order=True) if keeps(c) else c for c in candidates)
+    told = (replace(c, keeps_order=True) if keeps(c) else c for c in candidates)
+    return tuple(c for c in told if c.keeps_order or not c.effect.is_of_store)
 
 
 def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experiment, ...]:

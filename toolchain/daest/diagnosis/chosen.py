@@ -26,16 +26,21 @@ def chosen_candidates(
     taken: Collection[str] = (),
 ) -> tuple[Candidate, ...]:
     """The effects of the library at the places where they fit, those that `options` name, under names that
-    are not `taken`. No dead time of the one output of a model without inputs: what runs by itself is as late
-    where it began elsewhere."""
+    are not `taken`. No dead time of the one output of a model whose inputs keep their levels: what runs by
+    itself is as late where it began elsewhere. Nothing with states of its own at an input that is zero."""
     library = [_within_samples(effect, experiments) for effect in library]
     columns = [name for name in experiments[0].extra if _is_new_signal(name, experiments)]
     whole = pairs(library, places, columns, taken)
-    runs_by_itself = not experiments[0].input_names and len(experiments[0].output_names) == 1
+    none = {
+        name for name in experiments[0].input_names if not any(np.any(e.input(name)) for e in experiments)
+    }
+    moves = not all(e.keeps_level(name) for e in experiments for name in e.input_names)
+    runs_by_itself = not moves and len(experiments[0].output_names) == 1
     return tuple(
         c
         for c in whole
-        if not (runs_by_itself and c.effect.class_name == DELAY)
+        if not (runs_by_itself and c.effect.class_name == DELAY and c.site.kind == "output")
+        and not (c.is_dynamic and c.site.kind == "input" and c.site.name in none)
         and (
             not options.effects or c.effect.name in options.effects or c.effect.class_name in options.effects
         )

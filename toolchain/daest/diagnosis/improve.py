@@ -332,8 +332,9 @@ def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _
 
 
 def _remark(proof: Proof) -> str:
-    others = ", ".join(proof.not_separable_from)
-    return f"not separable from {others}" if others else "supported"
+    others, same = ", ".join(proof.not_separable_from), ", ".join(proof.same_as)
+    said = f"not separable from {others}" if others else "supported"
+    return f"{said}, and the same equation as {same}" if same else said
 
 
 def _noted(path: _Path, grown: _Path) -> _Path:

@@ -19,9 +19,12 @@ from daest.diagnosis.ranking import ahead_of, least_hope
 from daest.diagnosis.reasons import (
     LOST,
     beyond_recordings,
+    is_history,
     lag_too_short,
     not_determined,
     other_dynamics,
+    same_in_machine,
+    too_slow,
     undriven,
     unexplained,
     vanished,
@@ -244,12 +247,18 @@ class _Judge:
             takes_little=bool(reason) and reason == unexplained(explained, told.ratios),
             is_any_dynamics=bool(too_short) and reason == too_short,
             comes_near=bool(near) and reason == near,
-            is_known=not told.unseen_form and not vague,
+            is_known=not told.unseen_form and not vague and not self._is_before_unseen(told),
             confirmed=told.confirmed,
             adds_up=self.reference is not None and self.reference.adds_up,
             in_use=told.in_use,
             is_shown=told.is_shown,
+            same_as=() if reason else same_in_machine(self.with_effect, candidate, told.final or told.fit),
         )
+
+    def _is_before_unseen(self, told: _Told) -> bool:
+        """Whether a lag or dead time is so long that what it does to the unseen data is mostly what was
+        before these began, which may follow any transient."""
+        return bool(self.validation and too_slow(self.validation, self.candidate, told.final or told.fit))
 
     @property
     def _before(self) -> FitResult:
@@ -327,6 +336,7 @@ class _Judge:
         is_open = not (gone or unseen_form or vague)
         if is_open:
             unseen_form = beyond_recordings(self.with_effect, candidate, last)
+            is_open = not is_history(self.fed.experiments, candidate, last)
         reason = gone or unseen_form or vague
         reason = reason or weak(prepared, final if is_shown and final else fit, self._before)
         alone = grown(self.fed, prepared.flat, explicit, last, self.found.experiments)

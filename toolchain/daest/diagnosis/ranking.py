@@ -97,7 +97,7 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
                     not_separable_from=others,
                     verdict="not separable" if others else "supported",
                     reason="",
-                    same_as=tuple(p.candidate.label for p in same) if proof is best else (),
+                    same_as=(*proof.same_as, *(p.candidate.label for p in same if proof is best)),
                 )
             )
         else:

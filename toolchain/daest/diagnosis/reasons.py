@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ LOST = (
     5.0  # log-likelihood below that of the null, which a law contains, from which a search has lost its way
 )
 ABSOLUTE_VALUE = "Daest.Effects.Signals.AbsoluteValueSensor"
+ALONG = 200  # values of a signal at which a bend of it is looked at
 PLACED = 0.5  # of what its variable reaches, from which a shape is looked for as a place along it
 
 
@@ -183,40 +184,91 @@ def out_of_reach(model: Null, candidate: Candidate, told: FitResult) -> str:
     return beyond
 
 
-def too_slow(model: Null, candidate: Candidate, told: FitResult) -> str:
+def too_slow(experiments: Sequence[Experiment], candidate: Candidate, told: FitResult) -> str:
     """Why a lag or a delay is not what its name says, where its time is such a share of the recordings that
     these hardly show the signal come back: most of it is then what was before they began, or an integral.
     Empty where it is not."""
     times = [told.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes if p.unit == "s"]
-    most = GATES.longest_load * max(float(e.time[-1] - e.time[0]) for e in model.experiments)
+    most = GATES.longest_load * max(float(e.time[-1] - e.time[0]) for e in experiments)
     if not candidate.is_dynamic or max(times, default=0.0) <= most:
         return ""
     longest = max(times)
     return f"{spoken_duration(longest)} is too long for recordings that show up to {spoken_duration(most)}"
 
 
+def is_history(experiments: Sequence[Experiment], candidate: Candidate, told: FitResult) -> bool:
+    """Whether a lag or a delay is all made of what was before the recordings began: it is too slow for them,
+    and its input keeps its level in all of them. It may follow any transient, and is no rival of a law."""
+    at_input = candidate.site.kind == "input"
+    rests = at_input and all(e.keeps_level(candidate.site.name) for e in experiments)
+    return rests and bool(too_slow(experiments, candidate, told))
+
+
 def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why a law that bends a signal at places along it is not what its name says, where the recordings show
     it straight: a gain with an offset, which other parameters may be, too. Empty where it bends."""
-    if not candidate.is_of_signal or candidate.is_dynamic or not scaled_shapes(candidate):
+    bend = _bend(model, candidate, told) if scaled_shapes(candidate) else None
+    if bend is None or bend.rest >= GATES.absorbed_share * bend.size:
         return ""
+    return (
+        f"the recordings show no bend of it: it is a gain of {1.0 + bend.slope:.3g} and an offset of "
+        f"{bend.offset:.3g}"
+    )
+
+
+def same_in_machine(model: Null, candidate: Candidate, told: FitResult) -> tuple[str, ...]:
+    """What a law that bends a sensor may be as well where every reading tells one value: in terms of the
+    readings the equations are those of a machine whose gains and losses bend along. Empty where it is none
+    such."""
+    bend = _bend(model, candidate, told) if candidate.site.kind == "output" else None
+    if bend is None or bend.rest < GATES.absorbed_share * bend.size or not bend.is_monotone:
+        return ()
+    return (f"a machine that bends alike before {candidate.site.name}",)
+
+
+@dataclass(frozen=True)
+class _Bend:
+    """How a law changes its signal along the recordings: `size` (norm) of the change, the straight line
+    nearest to it, `rest` (norm) of the change beside that, and whether what comes out tells what goes in."""
+
+    size: float
+    slope: float
+    offset: float
+    rest: float
+    is_monotone: bool
+
+
+def _bend(model: Null, candidate: Candidate, told: FitResult) -> _Bend | None:
+    """None for a law with states or of another place than a signal, and where nothing can be simulated."""
+    if not candidate.is_of_signal or candidate.is_dynamic:
+        return None
     names = [f"{candidate.name}.{one}" for one in candidate.effect.connectors]
     along = values_along(grown(model, model.flat, model.explicit, told, model.experiments), names)
     if along is None or not np.all(np.isfinite(along)):
-        return ""
+        return None
     u, change = along[0], along[1] - along[0]
     terms = np.column_stack([u, np.ones_like(u)])
     slope, offset = np.linalg.lstsq(terms, change)[0]
-    if np.linalg.norm(change - slope * u - offset) >= GATES.absorbed_share * np.linalg.norm(change):
-        return ""
-    return (
-        f"the recordings show no bend of it: it is a gain of {1.0 + slope:.3g} and an offset of {offset:.3g}"
+    rest = float(np.linalg.norm(change - slope * u - offset))
+    return _Bend(float(np.linalg.norm(change)), float(slope), float(offset), rest, _tells_one(u, change))
+
+
+def _tells_one(u: np.ndarray, change: np.ndarray) -> bool:
+    """Whether every value of u + change tells one of u, both (n,): the change is a function of u, and the sum
+    grows with u all along."""
+    grid = np.linspace(u.min(), u.max(), ALONG)
+    order = np.argsort(u)
+    shown = np.interp(grid, u[order], change[order])
+    is_function = np.linalg.norm(np.interp(u, grid, shown) - change) < GATES.absorbed_share * np.linalg.norm(
+        change
     )
+    slopes = 1.0 + np.diff(shown) / np.diff(grid)
+    return bool(is_function and np.all(slopes > GATES.least_slope))
 
 
 def beyond_recordings(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why the law lies beyond what the recordings reach or show; empty where it does not."""
-    reason = out_of_reach(model, candidate, told) or too_slow(model, candidate, told)
+    reason = out_of_reach(model, candidate, told) or too_slow(model.experiments, candidate, told)
     return reason or straight(model, candidate, told)
 
 

@@ -326,17 +326,15 @@ def _any_dynamics(evidence: Evidence, short: Sequence[Proof]) -> Decided:
 
 def _no_law(evidence: Evidence, loads: Loads, form: FreeForm) -> Decided:
     """A load that seems to follow a variable, though no curve over it foresees anything."""
-    near = next((p for p in evidence.proofs if _may_be_near(p)), None)
+    near = _nearest(evidence)
     text = (
         f"An unexplained load acts at {_load_places(loads)}. It seems to follow {form.label} (p = "
         f"{form.p_value:.1g}), but with a curve over that in the model {loads.against_form}: it is noise "
         "or a load from outside, or a law that this recording does not show well enough."
     )
-    if near is not None:
-        text += f" The nearest of the library is {near.candidate.label}, but {near.reason}."
     return Decided(
         "external disturbance",
-        text + foreseen_by(evidence, near),
+        text + _told_nearest(near) + foreseen_by(evidence, near),
         "Repeat the same experiment: what comes back in the same way belongs to the machine.",
     )
 
@@ -561,30 +559,32 @@ def _moved(evidence: Evidence) -> list[str]:
 
 
 def _unknown(evidence: Evidence, loads: Loads, form: FreeForm) -> Decided:
-    nearest = next(
-        (
-            p
-            for p in evidence.proofs
-            if p.is_known and _may_be_near(p) and p.explained > GATES.min_told_explained
-        ),
-        None,
-    )
+    nearest = _nearest(evidence)
     text = (
         f"An effect that the library does not hold acts at {_group(loads.gains[form.load])}: the "
         f"unexplained load follows {form.label} (p = {form.p_value:.1g}); the curve is given."
     )
-    if nearest is not None:
-        text += f" The nearest of the library is {nearest.candidate.label}, but {nearest.reason}."
-    text += foreseen_by(evidence, nearest)
+    text += _told_nearest(nearest) + foreseen_by(evidence, nearest)
     record = f"Record {form.variable} over a wider range, slowly and in both directions, to tell its form."
     return Decided("unknown effect", text, record)
 
 
+def _nearest(evidence: Evidence) -> Proof | None:
+    """The likeliest law that may be told as the nearest to what acts; None where there is none."""
+    return next((p for p in evidence.proofs if _may_be_near(p)), None)
+
+
+def _told_nearest(proof: Proof | None) -> str:
+    """A sentence on the nearest law; empty where there is none."""
+    return f" The nearest of the library is {proof.candidate.label}, but {proof.reason}." if proof else ""
+
+
 def _may_be_near(proof: Proof) -> bool:
-    """Whether a rejected law may be told as the nearest to what acts: it gains likelihood, and unseen data do
-    not speak plainly against it."""
+    """Whether a law may be told as the nearest to what acts: it gains likelihood, the data show it, it does
+    away with a part of the load, and unseen data do not speak plainly against it."""
     worst = max((a.ratio for a in proof.ahead), default=0.0)
-    return proof.delta_bic > GATES.min_told_bic_gain and worst < GATES.max_nearest_ratio
+    is_seen = proof.is_known and proof.explained > GATES.min_told_explained
+    return is_seen and proof.delta_bic > GATES.min_told_bic_gain and worst < GATES.max_nearest_ratio
 
 
 def foreseen_by(evidence: Evidence, named: Proof | None, limit: float = GATES.max_told_ratio) -> str:

@@ -84,7 +84,8 @@ class Effect:
     has besides those of the motion of its connectors. `outside` tells where it is tried at an FMU without
     equations: at its inputs, at its outputs, or not at all. `sum_of` names the effects that it is the sum of:
     beside all but one of them, it is the one that is left. `grounded` names the effect at one connector
-    that it is where an end of its place is grounded.
+    that it is where an end of its place is grounded. `is_of_store`: it changes a store that the model has,
+    and is nothing where there is none.
     """
 
     name: str
@@ -102,6 +103,7 @@ class Effect:
     outside: Literal["", "input", "output"] = ""
     sum_of: tuple[str, ...] = ()
     grounded: str = ""
+    is_of_store: bool = False
     documentation: str = ""
     libraries: tuple[str, ...] = ()  # folders besides the bundled library that the class was read from
 

@@ -49,6 +49,7 @@ _TERMS: dict[Domain, tuple[str, str, str]] = {
     "rotational": ("Torque", "phi", "flange"),
     "thermal": ("HeatFlow", "T", "port"),
     "hydraulic": ("VolumeFlow", "p", "port"),
+    "electrical": ("Current", "v", "pin"),
 }  # class in Daest.Terms, the potential that it is given, its connector
 _OF_SPEED: dict[Domain, tuple[str, str]] = {
     "translational": ("ForceOfSpeed", "v"),
@@ -88,8 +89,6 @@ def opened_balance(
 ) -> tuple[bytes, str]:
     """The text with a component of Daest.Terms in the equation of `balance`, and the connector of that
     component. Raises NotOpened."""
-    if domain not in _TERMS:
-        raise NotOpened("balances a flow for which Daest.Terms has no class")
     name = free_name(f"{_plain(flat.unknowns[balance.variable].name)}_term", taken)
     entries = (balance_entry(flat, balance),)
     return _with_terms(source, flat, entries, _term(flat, balance, domain, name)), _end(name, domain)

@@ -1,0 +1,113 @@
+"""Stores that grow with their level: a supercapacitor and a funnel, in closed form."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from daest.diagnosis.candidates import keeping_order, pairs
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.options import DiagnoseOptions
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_model, compile_text
+from daest.modelica.effects import effect_library, find_effect
+from daest.modelica.extend import extend_model
+from daest.modelica.sites import find_site, sites
+from daest.systems.reduce import reduce_index
+from daest.systems.simulate import simulate
+
+CELL = """\
+model Cell
+  parameter Real C(unit = "F", min = 0, nominal = 20) = 25 annotation(__Daest(estimate = true));
+  parameter Real R(unit = "Ohm") = 0.05;
+  input Real current(unit = "A");
+  output Real voltage(unit = "V") annotation(__Daest(std = 2e-3));
+  Real v(unit = "V", start = 3);
+equation
+  C*der(v) = current;
+  voltage = v + R*current;
+end Cell;
+"""
+FUNNEL = """\
+model Funnel
+  parameter Real A(unit = "m2", min = 0) = 0.1;
+  parameter Real k(unit = "m2/s", min = 0) = 0.02;
+  input Real q(unit = "m3/s");
+  output Real level(unit = "m");
+  Real h(unit = "m", start = 0.5);
+equation
+  A*der(h) = q - k*h;
+  level = h;
+end Funnel;
+"""
+CIRCUIT = """\
+model Circuit
+  Daest.Blocks.Interfaces.RealInput u(unit = "V");
+  Daest.Blocks.Interfaces.RealOutput y(unit = "V") = capacitor.v;
+  Daest.Electrical.Analog.Sources.SignalVoltage source;
+  Daest.Electrical.Analog.Basic.Resistor first(R = 2);
+  Daest.Electrical.Analog.Basic.Resistor second(R = 3);
+  Daest.Electrical.Analog.Basic.Capacitor capacitor(C = 1);
+  Daest.Electrical.Analog.Basic.Ground ground;
+equation
+  connect(u, source.v);
+  connect(source.p, first.p);
+  connect(first.n, second.p);
+  connect(second.n, capacitor.p);
+  connect(capacitor.n, ground.p);
+  connect(source.n, ground.p);
+end Circuit;
+"""
+
+
+def discharged(current: float, period: float, seed: int) -> Experiment:
+    """A capacity of 20 F + 3 F/V, discharged with a constant current: charge is quadratic in the voltage."""
+    time = period * np.arange(105)
+    C, k, rng = 20.0, 3.0, np.random.default_rng(seed)
+    charge = C * 2.9 + 0.5 * k * 2.9**2 - current * time
+    v = (np.sqrt(C**2 + 2.0 * k * charge) - C) / k - 0.05 * current
+    read = v + 2e-3 * rng.standard_normal(time.size)
+    inputs = np.full((time.size, 1), -current)
+    return Experiment(f"{current} A", time, inputs, read[:, None], ("current",), ("voltage",))
+
+
+def test_capacity_that_grows_with_its_voltage_is_found() -> None:
+    records = [discharged(3.0, 0.22, 1), discharged(0.5, 1.3, 2)]
+    flat = compile_text(CELL.encode(), Path("Cell.mo"))
+    options = DiagnoseOptions(effects=("QuadraticGain", "GrowingCapacity"))
+    found = diagnose(flat, effect_library(), records, [discharged(1.5, 0.44, 3)], options)
+    best = found.proofs[0]
+    assert found.verdict == "supported" and best.candidate.label == "GrowingCapacity at 0:v", found.message
+    own = next(p for p in best.told.parameters if p.name == f"{best.candidate.name}.k")
+    assert abs(own.value - 3.0) < 4.0 * own.std_error < 0.6
+
+
+@pytest.mark.parametrize("name", ["GrowingCapacity", "WideningTank"])
+def test_what_is_written_does_what_the_law_says(tmp_path, name) -> None:
+    is_cell = name == "GrowingCapacity"
+    text, package = (CELL, "Electrical") if is_cell else (FUNNEL, "Hydraulic")
+    path = tmp_path / ("Cell.mo" if is_cell else "Funnel.mo")
+    path.write_text(text)
+    effect = find_effect(f"{package}.{name}")
+    site = find_site(compile_model(path), "0:v" if is_cell else "0:h", effect)
+    made = extend_model(path, None, effect, site, values={"k": 3.0 if is_cell else 0.4})
+    u = -2.0 if is_cell else 0.03
+
+    def rate(_: float, x: np.ndarray) -> np.ndarray:
+        return u / (25.0 + 3.0 * x) if is_cell else (u - 0.02 * x) / (0.1 + 0.4 * x)
+
+    time = np.linspace(0.0, 20.0, 41)
+    true = solve_ivp(rate, (0.0, 20.0), [3.0 if is_cell else 0.5], t_eval=time, rtol=1e-10).y[0]
+    run = simulate(made.flat, (time, np.full((41, 1), u)))
+    np.testing.assert_allclose(run.outputs[:, 0], true + (0.05 * u if is_cell else 0.0), rtol=1e-5)
+
+
+def test_where_nothing_stores_nothing_grows() -> None:
+    """Between two resistors a capacity would be one that the model has not."""
+    flat = compile_text(CIRCUIT.encode(), Path("Circuit.mo"))
+    library = [e for e in effect_library() if e.name == "GrowingCapacity"]
+    found = pairs(library, sites(flat))
+    kept = keeping_order(flat, reduce_index(flat), found)
+    assert len(found) > len(kept) == 1
+    assert "capacitor.p" in (kept[0].site.name, *kept[0].site.aliases) and kept[0].keeps_order
