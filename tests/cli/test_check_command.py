@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 from lag_data import recording, write_csv
 
 
@@ -23,6 +24,24 @@ def test_wrong_polarity_is_told_by_the_model(folder, daest):
     assert daest("check", "bad.csv")[0] == 0
     code, out, _ = daest("check", "bad.csv", "--model", "Lag.mo")
     assert code == 1 and "check-polarity" in out and "y moves against the model" in out
+    _, _, err = daest("identify", "Lag.mo", "bad.csv")
+    assert "warning[check-polarity]: bad: y moves against the model" in err
+
+
+@pytest.mark.parametrize(
+    ("factor", "told"),
+    [
+        (180.0 / np.pi, "times as large as in the model"),
+        (1e-3, "times as small as in the model"),
+        (0.1, None),  # a gain that starts far off
+        (6.0, None),
+    ],
+)
+def test_another_unit_is_told_by_the_model(folder, daest, factor, told):
+    time, u, y = recording(400, 1)
+    write_csv(folder / "bad.csv", time, u, factor * y)
+    code, out, _ = daest("check", "bad.csv", "--model", "Lag.mo")
+    assert (code == 1 and "check-scale" in out and told in out) if told else code == 0
 
 
 def test_what_identify_would_refuse_is_a_finding(folder, daest):

@@ -211,6 +211,11 @@ EXPLANATIONS: dict[str, str] = {
         "sensor or of the recorder. Leave those cells empty, or cut with --from and --to. A command that is "
         "limited and recorded as such is in order."
     ),
+    "check-scale": (
+        "An output moves as in the model, but is as many times larger or smaller as its numbers would be in "
+        "another unit: degrees for radians, mm for m. Write the unit into the header (`phi [deg]`) or into "
+        "[data.units] of daest.toml. Start values that are far off do the same to all outputs."
+    ),
     "check-stuck": (
         "A signal stands still to the last digit although its noise shows elsewhere, or jumps when it goes "
         "on: the sensor or its transmission had stopped. Leave those cells empty."

@@ -100,13 +100,13 @@ def checked(path: Path, project: Project, flat: Model | None, window: Preparatio
 def _against(path: Path, project: Project, flat: Model, window: Preparation) -> Sequence[Finding]:
     """What the model says about a recording; what makes it unreadable is one of the findings."""
     from daest.cli.recordings import measured_recordings
-    from daest.data.check import polarity_findings
+    from daest.data.check import model_findings
 
     try:
         measured, experiments = measured_recordings(flat, project, [path], window)
     except DaestError as error:
         return [_unusable(problem) for problem in error.problems or (error,)]
-    return polarity_findings(measured, experiments[0])
+    return model_findings(measured, experiments[0])
 
 
 def _unusable(problem: DaestError) -> Finding:

@@ -9,7 +9,7 @@ from typing import Any
 
 from daest.cli.options import DataOptions
 from daest.cli.output import note, warn
-from daest.data.check import check_experiment
+from daest.data.check import check_experiment, model_findings
 from daest.data.prepare import Preparation, prepare, split_all
 from daest.data.project import Project
 from daest.data.read import Signal, measured_names, read_experiments, select_outputs
@@ -33,6 +33,8 @@ def training_data(
     validation_paths = [] if preparation.split is not None else list(project.validate)
     experiments = _read(flat, project, [*estimation_paths, *validation_paths], preparation, others)
     flat, experiments = _measured(flat, experiments)
+    for finding in model_findings(flat, experiments[0]):
+        warn(finding.code, f"{experiments[0].name}: {finding.sentence}")
     n = len(estimation_paths)
     estimation, validation = split_all(experiments[:n], preparation)
     return flat, estimation, validation + experiments[n:]
