@@ -29,6 +29,7 @@ from daest.systems.simulate import simulate
 
 TRUE = {"J": 0.5, "d": 0.3, "stick": 0.15}
 PERIOD, SUBSTEPS, SENSOR = 0.05, 50, 0.005
+OPTIONS = IdentifyOptions(hold="zoh")
 
 
 @cache
@@ -70,7 +71,7 @@ def unknowns_of(explicit, **start):
     return Unknowns(coordinates, explicit.flat.theta_values, np.zeros(1), np.zeros(1))
 
 
-def identified(experiments, method, intensity=np.nan, explicit=None, validation=(), **start):
+def identified(experiments, method, intensity=np.nan, explicit=None, validation=(), options=OPTIONS, **start):
     explicit = explicit or rotor()
     unknowns = unknowns_of(explicit, **(start or {"J": 0.8, "d": 0.5, "stick": 0.05}))
     return identify_nonlinear(
@@ -82,7 +83,7 @@ def identified(experiments, method, intensity=np.nan, explicit=None, validation=
             np.array([intensity]),
             np.array([np.isnan(intensity)]),
             np.array([np.nan]),
-            IdentifyOptions(hold="zoh"),
+            options,
             validation,
         ),
     )
@@ -112,6 +113,24 @@ def test_output_error_finds_friction_without_process_noise():
     assert fit.method == "oe" and fit.status == "converged"
     # The model creeps where the simulator sticks: a little more than the noise of the sensor.
     assert SENSOR * 0.95 < fit.simulated["estimation"].rms["angle"] < SENSOR * 1.2
+
+
+def test_search_by_simulation_ends_where_it_will_not_come_to_what_is_of_use():
+    quick = dataclasses.replace(OPTIONS, second_look=False, shooting=1)
+    whole = identified([record(300, 1, 0.0)], "oe", options=quick)
+    reached = dataclasses.replace(quick, least=whole.log_likelihood - 1.0)
+    assert identified([record(300, 1, 0.0)], "oe", options=reached).theta == whole.theta
+    missed = dataclasses.replace(quick, least=whole.log_likelihood + 1e4)
+    short = identified([record(300, 1, 0.0)], "oe", options=missed)
+    assert short.status != "converged" and short.log_likelihood < whole.log_likelihood
+
+
+def test_rough_start_leads_to_the_same_fit():
+    quick = dataclasses.replace(OPTIONS, second_look=False, shooting=1)
+    whole = identified([record(300, 1, 0.0)], "oe", options=quick)
+    rough = identified([record(300, 1, 0.0)], "oe", options=dataclasses.replace(quick, rtol=1e-5))
+    for one, other in zip(whole.parameters, rough.parameters, strict=True):
+        assert abs(one.value - other.value) < 0.1 * one.std_error
 
 
 def test_prediction_error_finds_friction_and_noises_with_process_noise():

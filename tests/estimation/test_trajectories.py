@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -175,3 +176,38 @@ def test_what_was_run_with_slopes_is_not_run_again_without(gain, monkeypatch):
         n = len(runs)
         prediction_errors(other, z)
         assert len(runs) == n + 1
+
+
+@pytest.mark.parametrize(("n_y", "missing"), [(1, 0.0), (1, 0.2), (2, 0.0), (2, 0.2)])
+def test_whitened_errors_and_slopes_are_those_of_every_sample(n_y, missing):
+    """Against the definition: two parameters, two states of each of two records, one log of a gain."""
+    rng, z = np.random.default_rng(7), np.array([0.3, -0.2, 0.1, 0.4, 0.2, -0.5, 0.7])
+    per_z, scale = np.array([2.0, -0.5]), np.array([3.0, 0.25])
+    problem = SimpleNamespace(
+        unknowns=SimpleNamespace(coordinates=(None, None), slopes=lambda _: per_z),
+        n_states=2,
+        state_scale=scale,
+        family=SimpleNamespace(n_logs=1),
+    )
+    lengths, mixed = (6, 4), rng.standard_normal((n_y, n_y))
+    sens = [rng.standard_normal((n, n_y, 5)) for n in lengths]
+    errors = [rng.standard_normal((n, n_y)) for n in lengths]
+    for table in errors:
+        table[rng.uniform(size=table.shape) < missing] = np.nan
+    found = SimpleNamespace(
+        covariance=mixed @ mixed.T + np.eye(n_y),
+        errors=errors,
+        trajectories=[SimpleNamespace(sensitivities=one) for one in sens],
+    )
+    residuals, slopes = whitened(problem, found, z)
+    root = np.linalg.inv(np.linalg.cholesky(found.covariance))
+    column = 0
+    for number, (table, one) in enumerate(zip(errors, sens, strict=True)):
+        for error, by in zip(table, one, strict=True):
+            seen = np.isfinite(error)
+            wanted = np.zeros((z.size, n_y))
+            wanted[[0, 1, 2 + 2 * number, 3 + 2 * number, 6]] = -(by * [*per_z, *scale, 1.0]).T
+            columns = slice(column, column + n_y)
+            assert np.allclose(residuals[columns], root @ np.where(seen, error, 0.0), rtol=1e-13)
+            assert np.allclose(slopes[:, columns], np.where(seen, wanted, 0.0) @ root.T, rtol=1e-13)
+            column += n_y

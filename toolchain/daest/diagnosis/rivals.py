@@ -70,7 +70,7 @@ STORAGE = _Effort(iterations=1, most=2, least_gain=-np.inf)
 BENT = _Effort(iterations=5, most=1, least_gain=0.0, followed=3)  # a model that bends, whose runs take longer
 
 Simulation = tuple[float, dict[str, float]]  # log-likelihood and all parameters of a fit by simulation
-Fit = Callable[[IdentifyOptions, float], Simulation]  # from the least log-likelihood that is of use
+Fit = Callable[[IdentifyOptions], Simulation]
 DynamicFits = Sequence[tuple[float, Prepared]]  # log-likelihoods of simulations with the effects
 
 
@@ -221,14 +221,14 @@ def _best_fit(
         return None
     flat, fitted = model
     names = (*null.estimated, *candidate.estimated)
-    (nominal, known), options = simulation, _options(null, names)
-    least = nominal + GATES.min_dynamic_gain
+    nominal, known = simulation
+    options = replace(_options(null, names), least=nominal + GATES.min_dynamic_gain)
 
     def followed(begun: Sequence[Mapping[str, float]], iterations: int) -> list[Simulation]:
         found = []
         for start in begun:
             with suppress(*FAILURES):
-                found.append(fitted(replace(options, start=start, max_iterations=iterations), least))
+                found.append(fitted(replace(options, start=start, max_iterations=iterations)))
         return sorted(found, key=_likelihood, reverse=True)
 
     def begun_at(values: Mapping[str, float]) -> dict[str, float]:
@@ -245,7 +245,7 @@ def _best_fit(
     for _, theta in pursued:
         with suppress(*FAILURES):
             whole = replace(options, start={name: theta[name] for name in names})
-            ends.append(fitted(whole, least))
+            ends.append(fitted(whole))
     if not ends:
         return None
     value, theta = max(ends, key=_likelihood)
@@ -269,9 +269,7 @@ def _model_with(
     return None if has_affine_dynamics(null.explicit) else (flat, partial(_bent_fit, flat, null.experiments))
 
 
-def _bent_fit(
-    flat: FlatModel, experiments: Sequence[Experiment], options: IdentifyOptions, _least: float
-) -> Simulation:
+def _bent_fit(flat: FlatModel, experiments: Sequence[Experiment], options: IdentifyOptions) -> Simulation:
     fit = identify(flat, experiments, replace(options, rtol=RTOL))
     return fit.log_likelihood, fit.theta
 

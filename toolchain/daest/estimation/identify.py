@@ -97,15 +97,11 @@ def tied_parameters(
 
 
 def searched(
-    family: StateSpaceFamily,
-    experiments: Sequence[Experiment],
-    options: IdentifyOptions,
-    least: float = -np.inf,
+    family: StateSpaceFamily, experiments: Sequence[Experiment], options: IdentifyOptions
 ) -> tuple[float, dict[str, float]]:
     """The log-likelihood and all parameters at the end of the search of `identify` for a linear model: no
-    uncertainty, no agreement. The search ends early where it will not come to the log-likelihood `least`.
-    Raises as `identify`."""
-    setup = replace(setup_of(family, experiments, (), options), least=least)
+    uncertainty, no agreement. Raises as `identify`."""
+    setup = setup_of(family, experiments, (), options)
     ends = linear_ends(family, setup, silent)
     unknowns, best = ends.problem.unknowns, ends.found[0]
     theta = unknowns.values(best.z)[0]

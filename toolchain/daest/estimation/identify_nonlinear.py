@@ -102,7 +102,9 @@ def nonlinear_start(explicit: Dynamics, setup: Setup) -> tuple[Setup, Trajectory
         return objective(unscaled)(unscaled_start(unscaled), True)
 
     setup = replace(setup, unknowns=rescaled(setup.unknowns, at_start, setup.n_observed))
-    problem, z = started(replace(unscaled, unknowns=setup.unknowns))
+    # The search that follows moves the initial states, too: where it is rough, so is its start.
+    enough = FIT.converged_gain if setup.options.rtol is None else FIT.rough_start_gain
+    problem, z = started(replace(unscaled, unknowns=setup.unknowns), enough)
     return setup, *with_hold(problem, z, setup.options)
 
 

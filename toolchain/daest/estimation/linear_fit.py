@@ -314,7 +314,7 @@ def _searched(setup: Setup, problem: Problem, home: np.ndarray) -> Search:
         options.max_iterations,
         hills=0 if is_quick else MOST_PROBED,
         trusts_parabola=not options.second_look,
-        goal=-setup.least,
+        goal=-options.least,
     )
 
 

@@ -158,6 +158,7 @@ def _simulated_from(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> 
         is_end = setup.method == "oe" or shooting == 1
         iterations = options.max_iterations if is_end else SIMULATION_ITERATIONS
         search = search_of(problem, z, iterations, None if is_end else LEADING_GAIN)
+        search = replace(search, goal=-options.least)
         leads = is_end and options.second_look and options.max_iterations > 0 and not has_events
         found = best_point(search, [z], partial(is_coloured, problem), _led(problem, z) if leads else ())
         single = None if found is None else Ending(problem, found, None)

@@ -31,12 +31,15 @@ SIZES = 10.0 ** -np.arange(1.0, 10.0)  # of effects, relative to where they stan
 HOLD_ITERATIONS = 6
 
 
-def started(problem: TrajectoryProblem) -> tuple[TrajectoryProblem, np.ndarray]:
-    """State scales from a first simulation, and initial states that fit the beginning of each experiment.
-    Sizes of effects start where their simulation fits best. Shapes: the search vector is (n_z,)."""
+def started(
+    problem: TrajectoryProblem, enough: float = FIT.converged_gain
+) -> tuple[TrajectoryProblem, np.ndarray]:
+    """State scales from a first simulation, and initial states that fit the beginning of each experiment,
+    searched until a step would gain less than `enough` in log-likelihood. Sizes of effects start where their
+    simulation fits best. Shapes: the search vector is (n_z,)."""
     problem = with_sized_effects(problem)
     problem, z = scaled(problem, unscaled_start(problem))
-    return problem, fit_initial_states(problem, z, *limits(problem))
+    return problem, fit_initial_states(problem, z, *limits(problem), enough)
 
 
 def unscaled_start(problem: TrajectoryProblem) -> np.ndarray:

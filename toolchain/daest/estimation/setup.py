@@ -251,8 +251,7 @@ def _jump(flat: FlatModel, row: int) -> EstimationError:
 class Setup:
     """`unknowns` are parameters alone; the recordings have the model's order of signals. `intensity` (n_w,)
     and `std` (n_y,) are those of the noises, NaN where unknown, with those that are estimated, (n_w,) and
-    (n_y,) bool. `notes` are what the user is told besides. The search of a linear model ends where it will
-    not come to the log-likelihood `least`."""
+    (n_y,) bool. `notes` are what the user is told besides."""
 
     unknowns: Unknowns
     experiments: tuple[Experiment, ...]
@@ -264,7 +263,6 @@ class Setup:
     options: IdentifyOptions
     validation: tuple[Experiment, ...] = ()
     notes: tuple[str, ...] = ()
-    least: float = -np.inf
 
     @property
     def given_std(self) -> np.ndarray:

@@ -272,31 +272,27 @@ def _negative_log_likelihood(errors: tuple[np.ndarray, ...], covariance: np.ndar
 
 def whitened(problem: TrajectoryProblem, errors: Errors, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Whitened errors (m,) and their slopes (p, m) over the search vector, missing samples as zeros."""
-    inverse_root = np.linalg.inv(np.linalg.cholesky(errors.covariance))
-    n_parameters = len(problem.unknowns.coordinates)
-    parameter_slopes = problem.unknowns.slopes(z[:n_parameters])
-    p = z.size
+    root = turned(np.linalg.inv(np.linalg.cholesky(errors.covariance)))
+    n_parameters, n_states = len(problem.unknowns.coordinates), problem.n_states
+    n_logs = 0 if problem.family is None else problem.family.n_logs
+    per_z = [problem.unknowns.slopes(z[:n_parameters]), problem.state_scale, np.ones(n_logs)]
+    scale = -np.concatenate(per_z)[:, None, None]
     residuals, slopes = [], []
     for number, (error, trajectory) in enumerate(zip(errors.errors, errors.trajectories, strict=True)):
         observed = np.isfinite(error)
-        white = np.where(observed, error, 0.0) @ turned(inverse_root)
-        change = np.zeros((p, *error.shape))
-        sens = trajectory.sensitivities  # (n_samples, n_y, directions)
-        change[:n_parameters] = (
-            -sens[:, :, :n_parameters].transpose(2, 0, 1) * parameter_slopes[:, None, None]
-        )
-        first = n_parameters + number * problem.n_states
-        change[first : first + problem.n_states] = (
-            -sens[:, :, n_parameters : n_parameters + problem.n_states].transpose(2, 0, 1)
-            * problem.state_scale[:, None, None]
-        )
-        if problem.family is not None:
-            change[p - problem.family.n_logs :] = -sens[:, :, n_parameters + problem.n_states :].transpose(
-                2, 0, 1
-            )
-        if not np.all(observed):
-            change = np.where(observed, change, 0.0)
-        change = change @ turned(inverse_root)
-        residuals.append(white.ravel())
-        slopes.append(change.reshape(p, error.size))
+        is_whole = bool(np.all(observed))
+        # (n_samples, n_y, directions) -> (directions, n_samples, n_y)
+        change = np.ascontiguousarray(trajectory.sensitivities.transpose(2, 0, 1)) * scale
+        change = _times(change if is_whole else np.where(observed, change, 0.0), root)
+        own = np.zeros((z.size, error.size))
+        first = n_parameters + number * n_states
+        rows = [*range(n_parameters), *range(first, first + n_states), *range(z.size - n_logs, z.size)]
+        own[rows] = change.reshape(len(rows), error.size)
+        residuals.append(_times(error if is_whole else np.where(observed, error, 0.0), root).ravel())
+        slopes.append(own)
     return np.concatenate(residuals), np.concatenate(slopes, axis=1)
+
+
+def _times(table: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """table @ matrix (n_y, n_y), in a tenth of the time where there is one output."""
+    return table * matrix[0, 0] if matrix.size == 1 else table @ matrix

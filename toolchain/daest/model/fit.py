@@ -46,7 +46,8 @@ class IdentifyOptions:
     `shooting` cuts every record of a nonlinear model into that many segments with initial states of their own
     (multiple shooting); None does so for an output-error search that fails over the whole records, 1 never.
     `rtol` is the tolerance of the integration of a nonlinear model (None: that of searches), looser where the
-    fit is only to begin another one.
+    fit is only to begin another one. A search ends early where it will not come to the
+    log-likelihood `least`, below which its end is of no use.
     """
 
     method: Method | None = None
@@ -69,6 +70,7 @@ class IdentifyOptions:
     jobs: int = 1
     cluster: str | None = None
     rtol: float | None = None
+    least: float = -np.inf
 
 
 @dataclass(frozen=True)

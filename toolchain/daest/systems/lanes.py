@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 
 from daest.numerics.compiler import effort, loaded, processor_flags, text_of
+from daest.numerics.generated import generated
 from daest.systems.lane_code import lane_function
 from daest.systems.local_linear import LocalModel, slope_pattern
 
@@ -38,9 +39,6 @@ def lane_library(model: LocalModel) -> ctypes.CDLL | None:
 def _source(model: LocalModel) -> str:
     flow, point_flow = model.flow, _without_spread(model.flow)
     look = _of_outputs("daest_look", model.see)
-    generator = ca.CodeGenerator("model.c")
-    for function in (flow, point_flow, model.see, look):
-        generator.add(function)
     sizes = {"NX": model.n_states, "NU": flow.numel_in(1), "NW": model.n_noises, "NY": model.n_outputs}
     header = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
     header += f"#define SLOPES {slope_pattern(model)}\n"
@@ -50,7 +48,8 @@ def _source(model: LocalModel) -> str:
         lane_function("model_see", model.see, (0,)),
         lane_function("model_look", look, (0,)),
     ]
-    texts = [generator.dump(), header, text_of("lanes.c"), *functions, _LANES_OF_SUBSTEP]
+    own = generated((flow, point_flow, model.see, look))
+    texts = [own, header, text_of("lanes.c"), *functions, _LANES_OF_SUBSTEP]
     return "".join([*texts, text_of("substep.c"), text_of("particles.c")])
 
 

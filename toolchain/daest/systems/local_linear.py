@@ -21,6 +21,7 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.model.flat import Dynamics, ExplicitModel, events_refused
 from daest.numerics.compiler import effort, loaded, processor_flags, text_of
+from daest.numerics.generated import generated
 from daest.systems.gaussian_average import averaged
 from daest.systems.integrate import EquationIntegrator, integrator
 
@@ -262,11 +263,8 @@ def _matrix(value: Any, by: Any) -> Any:
 
 
 def _source(model: LocalModel) -> str:
-    generator = ca.CodeGenerator("model.c")
     every = (model.flow, model.see, model.dflow, model.dsee, model.hold, model.dhold, model.inside)
     functions = [f for f in every if f is not None]
-    for function in functions:
-        generator.add(function)
     sizes = {
         "NX": model.n_states,
         "NU": model.flow.numel_in(1),
@@ -283,7 +281,7 @@ def _source(model: LocalModel) -> str:
     header += f"#define EVERY_LEVEL\n#define SLOPES {slope_pattern(model)}\n"
     texts = ["project.c"] if model.hold is not None else []
     drivers = map(text_of, ("substep.c", *texts, "local_filter.c", "local_linear.c"))
-    return generator.dump() + header + "".join(drivers)
+    return generated(functions) + header + "".join(drivers)
 
 
 def slope_pattern(model: LocalModel) -> str:
