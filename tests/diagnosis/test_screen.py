@@ -22,6 +22,7 @@ from hidden_plants import (
 )
 from scipy.stats import kstest, norm
 
+from daest.diagnosis import candidates as candidates_module
 from daest.diagnosis.candidates import attachable, attached, pairs, with_shapes
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import loads_of
@@ -40,7 +41,7 @@ from daest.diagnosis.screen import (
     screen,
     size_names,
 )
-from daest.errors import EstimationError
+from daest.errors import EstimationError, ModelError
 from daest.model.diagnosis import Screen, Screened
 from daest.modelica.attach import attach
 from daest.modelica.sites import sites
@@ -304,3 +305,19 @@ def test_corrected_p_values_go_on_beyond_the_draws_as_those_of_the_largest_of_ma
     near = largest[-TAIL]
     assert _p_value(near + 1e-9, largest) == pytest.approx(_p_value(near - 1e-9, largest), rel=0.02)
     assert _p_value(60.0, largest) == 0.0 and _p_value(0.0, np.zeros(DRAWS)) == 1.0
+
+
+def test_candidates_that_cannot_stand_beside_each_other_are_told_apart(monkeypatch):
+    """Each of two leaves a model that can be solved, both do not: the first one stays."""
+    flat = model()
+    chosen = pairs(some_effects("CoulombFriction", "QuadraticDrag"), sites(flat))[:4]
+    solved = candidates_module.explicit_at_null
+
+    def explicit(flat, kept):
+        if chosen[1] in kept and chosen[3] in kept:
+            raise ModelError("singular-after-reduction", "they depend on each other", remedy="-")
+        return solved(flat, kept)
+
+    monkeypatch.setattr(candidates_module, "explicit_at_null", explicit)
+    kept, refused, _ = attachable(flat, chosen)
+    assert kept == chosen[:3] and refused == ((chosen[3].label, "they depend on each other"),)

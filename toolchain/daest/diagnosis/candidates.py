@@ -17,6 +17,7 @@ from daest.model.effects import Effect, EffectParameter, Placement, Site
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.modelica.attach import attach_all, check_values
+from daest.modelica.balances import DOMAINS, LEVEL
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import fits
 from daest.numerics.evaluator import along
@@ -79,10 +80,26 @@ def keeping_order(
             return False
         # What an input holds is no store, though its rate is known.
         is_held = len(grown.input_derivatives) > len(explicit.input_derivatives)
-        return grown.state_names == explicit.state_names and not (candidate.effect.is_of_store and is_held)
+        is_no_store = candidate.effect.is_of_store and (is_held or not _is_stored(grown, candidate))
+        return grown.state_names == explicit.state_names and not is_no_store
 
     told = (replace(c, keeps_order=True) if keeps(c) else c for c in candidates)
     return tuple(c for c in told if c.keeps_order or not c.effect.is_of_store)
+
+
+def _is_stored(grown: ExplicitModel, candidate: Candidate) -> bool:
+    """Whether the effect in the model `grown` acts on states of its own domain, and on no others: a voltage
+    that is induced by a speed is no store of charge."""
+    sizes = {f"{candidate.name}.{p.name}" for p in candidate.effect.sizes}
+    columns = [k for k, p in enumerate(grown.flat.parameters) if p.name in sizes]
+    acts = grown.rhs.jac_sparsity(0, 4)
+    units = {u.name: u.unit for u in grown.flat.unknowns}
+    moved = [
+        DOMAINS.get(units.get(name, ""), "hydraulic" if units.get(name) == LEVEL else None)
+        for i, name in enumerate(grown.state_names)
+        if any(acts.has_nz(i, k) for k in columns)
+    ]
+    return bool(moved) and all(domain == candidate.effect.domain for domain in moved)
 
 
 def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experiment, ...]:
@@ -119,7 +136,7 @@ def attachable(
 ) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...], ExplicitModel]:
     """The candidates that leave a model that can be solved, the others with the reason, and that model."""
     possible, refused = _with_possible_values(candidates)
-    kept, others, whole = _told_apart(flat, possible)
+    kept, others, whole = _told_apart(flat, possible, ())
     return kept, (*refused, *others), whole or explicit_at_null(flat, kept)
 
 
@@ -139,18 +156,19 @@ def _with_possible_values(
 
 
 def _told_apart(
-    flat: FlatModel, candidates: tuple[Candidate, ...]
+    flat: FlatModel, candidates: tuple[Candidate, ...], beside: tuple[Candidate, ...]
 ) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...], ExplicitModel | None]:
-    """As `attachable`, by halves: where one of hundreds cannot be attached, few models are built. The model
-    where all can be."""
+    """As `attachable`, by halves: where one of hundreds cannot be attached `beside` those that can, few
+    models are built. The model where all can be."""
     try:
-        return candidates, (), explicit_at_null(flat, candidates)
+        return candidates, (), explicit_at_null(flat, (*beside, *candidates))
     except DaestError as error:
         if len(candidates) == 1:
             return (), ((candidates[0].label, error.what),), None
     middle = len(candidates) // 2
-    parts = [_told_apart(flat, half) for half in (candidates[:middle], candidates[middle:])]
-    return parts[0][0] + parts[1][0], parts[0][1] + parts[1][1], None
+    first, refused, _ = _told_apart(flat, candidates[:middle], beside)
+    second, others, _ = _told_apart(flat, candidates[middle:], (*beside, *first))
+    return first + second, refused + others, None
 
 
 def explicit_at_null(flat: FlatModel, candidates: Sequence[Candidate]) -> ExplicitModel:
