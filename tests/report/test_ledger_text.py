@@ -45,3 +45,10 @@ def test_sizes_of_earlier_effects_are_told_beside_later_ones():
 def test_single_effect_is_told_once():
     said = text(ledger(step(0), step(1, "loss", **{"loss.G": (32.2, 7.1)})))
     assert "in the last model" not in said
+
+
+def test_product_that_is_known_where_the_size_is_not_is_told():
+    bent = step(1, "bend", **{"bend.a": (1.5, 6.2)})
+    bent["known_products"] = {"a*k": {"value": 0.0043, "std_error": 0.0001, "unit": "N.m"}}
+    said = " ".join(text(ledger(step(0), bent)).split())
+    assert "step 1: a = 1.5 ± 6.2 W/K, a*k = 0.0043 ± 0.0001 N.m; supported" in said

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, NotRequired, TypedDict
+from typing import Annotated, NotRequired, TypeAlias, TypedDict
 
 import numpy as np
 
-from daest.diagnosis.certainty import known_products
+from daest.diagnosis.certainty import KnownProduct, known_products
 from daest.diagnosis.written import Written
 from daest.model.diagnosis import (
+    Candidate,
     CandidateVerdict,
     Diagnosis,
     FreeForm,
@@ -21,6 +22,7 @@ from daest.model.diagnosis import (
     Unproved,
     VerdictName,
 )
+from daest.model.fit import FitResult
 from daest.model.holds import Hold
 from daest.report.documents.parts import (
     ByOutput,
@@ -65,18 +67,19 @@ class AheadEntry(TypedDict):
     certainty: Annotated[float, "standard errors by which it is better"]
 
 
+KnownProducts: TypeAlias = Annotated[
+    dict[str, Uncertain],
+    "of sizes that the data do not determine with a parameter of the model, or ratios (c/J)",
+]
+
+
 class CandidateEntry(_Class):
     effect: Effect
     at: Site
     equivalent_places: Annotated[list[str], Of("equivalent")]
     inputs: NotRequired[Annotated[dict[str, str], Of("candidate.inputs")]]
     parameters: dict[str, Uncertain]
-    known_products: NotRequired[
-        Annotated[
-            dict[str, Uncertain],
-            "of sizes that the data do not determine with a parameter of the model, or ratios (c/J)",
-        ]
-    ]
+    known_products: NotRequired[KnownProducts]
     model_parameters: NotRequired[dict[str, Uncertain]]
     settings: NotRequired[
         Annotated[dict[str, float], "all parameters of the effect, those that were not estimated too"]
@@ -203,6 +206,7 @@ class StepEntry(TypedDict):
     remark: NotRequired[str]
     log_likelihood: NotRequired[float | None]
     parameters: dict[str, Uncertain]
+    known_products: NotRequired[KnownProducts]
     model: str | None
     delta_bic: NotRequired[float | None]
     p_value: NotRequired[float | None]
@@ -293,6 +297,10 @@ def _curve(form: FreeForm) -> dict[str, object]:
     return {"sign_of": form.sign_of or None, "curve": np.column_stack([form.x, form.w, form.std])}
 
 
+def _known_products(candidate: Candidate, fit: FitResult) -> dict[str, KnownProduct]:
+    return {p.name: p for p in known_products(candidate, fit)}
+
+
 def _candidate(proof: Proof, model: Written | None) -> CandidateEntry:
     prefix = f"{proof.candidate.name}."
     fitted = {p.name.removeprefix(prefix): p for p in proof.told.parameters if p.name.startswith(prefix)}
@@ -301,7 +309,7 @@ def _candidate(proof: Proof, model: Written | None) -> CandidateEntry:
         CandidateEntry,
         proof,
         parameters=fitted,
-        known_products={p.name: p for p in known_products(proof.candidate, proof.told)},
+        known_products=_known_products(proof.candidate, proof.told),
         model_parameters=[p for p in proof.told.parameters if not p.name.startswith(prefix)],
         settings=settings,
         **errors_entry(proof.told.simulated),
@@ -362,5 +370,6 @@ def _step(step: Step, model: str | None) -> StepEntry:
         remark=step.remark,
         log_likelihood=step.fit.log_likelihood,
         parameters=step.fit.parameters,
+        known_products={} if proof is None else _known_products(proof.candidate, step.fit),
         model=model,
     )
