@@ -367,6 +367,26 @@ def test_limit_that_the_signal_is_always_beyond_is_a_gain(name, limit, gain):
 
 
 @pytest.mark.parametrize(
+    ("name", "values", "level", "is_straight"),
+    [
+        ("QuadraticGain", {"a": 0.1}, 0.0, False),
+        ("QuadraticGain", {"a": 0.001}, 1000.0, True),  # the readings of a thermometer, in kelvin
+        ("DeadZone", {"width": 0.1}, 1000.0, False),  # its width is the offset
+    ],
+)
+def test_bend_far_from_zero_that_the_recordings_show_straight_is_a_gain(name, values, level, is_straight):
+    """a u^2 about a level U is 2 a U u - a U^2 but for a share of u's range over U, squared."""
+    stand = rubbing()
+    moved = [replace(e, inputs=e.inputs + level) for e in stand.null.experiments]
+    bent = next(c for c in pairs(some_effects(name), sites(model())) if c.site.kind == "input")
+    flat = attach(stand.null.flat, bent.effect, bent.site, bent.name, values)
+    own = {f"{bent.name}.{key}": value for key, value in values.items()}
+    fit = replace(stand.baseline, theta={**stand.baseline.theta, **own})
+    found = straight(grown(stand.null, flat, reduce_index(flat), fit, moved), bent, fit)
+    assert found.startswith("the recordings show no bend of it: it is a gain of 3 ") == is_straight, found
+
+
+@pytest.mark.parametrize(
     ("name", "values", "is_same"),
     [
         ("QuadraticGain", {"a": -0.05}, True),
