@@ -9,6 +9,7 @@ import pytest
 from hidden_plants import library, model, prove, quiet, rotor_record, rubbing, some_effects
 
 from daest.diagnosis import proof as proving
+from daest.diagnosis import reasons
 from daest.diagnosis import settled as settling
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.certainty import certainty_of, known_products
@@ -22,6 +23,7 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import _is_much_left, with_steady_error
 from daest.diagnosis.ranking import _ends_in_a_simpler_law, best_accepted, least_hope, ranked
 from daest.diagnosis.reasons import (
+    _tells_otherwise,
     is_history,
     is_significant,
     lag_too_short,
@@ -409,8 +411,22 @@ def test_sensor_that_bends_and_tells_all_is_a_machine_that_bends(name, values, i
         fit = replace(stand.baseline, theta={**stand.baseline.theta, **own})
         bends = grown(stand.null, flat, reduce_index(flat), fit, stand.null.experiments)
         said = same_in_machine(bends, bent, fit)
-        expected = (f"a machine that bends alike before {bent.site.name}",)
-        assert said == (expected if is_same and bent.site.kind == "output" else ())
+        expected = f"a machine that bends alike before {bent.site.name}"
+        assert said == (expected if is_same and bent.site.kind == "output" else "")
+
+
+def test_sensor_that_bends_beside_a_straight_one_of_the_same_signal_is_no_machine(monkeypatch):
+    """If the machine bent, both would show it; a tachometer tells another signal, which a bent machine turns
+    out otherwise, too."""
+    bent = next(c for c in pairs(some_effects("QuadraticGain"), sites(model())) if c.site.kind == "output")
+    phi = np.cumsum(np.random.default_rng(3).normal(size=500))
+    outputs = [SimpleNamespace(name="phi"), SimpleNamespace(name="y")]
+    machine = SimpleNamespace(flat=SimpleNamespace(outputs=outputs), experiments=())
+    bend = SimpleNamespace(along=phi)
+    for y, tells in ((3.0 - 2.0 * phi, True), (np.gradient(phi), False), (np.full(500, 3.0), False)):
+        run = SimpleNamespace(outputs=np.column_stack([phi - 0.05 * phi * np.abs(phi), y]))
+        monkeypatch.setattr(reasons, "free_runs", lambda *_, run=run: (run,))
+        assert _tells_otherwise(machine, bent, bend) == tells
 
 
 def test_size_as_large_as_it_can_be_is_no_weakness():

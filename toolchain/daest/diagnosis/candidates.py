@@ -120,7 +120,8 @@ def attachable(
     """The candidates that leave a model that can be solved, the others with the reason, and that model."""
     possible, refused = _with_possible_values(candidates)
     kept, others, whole = _told_apart(flat, possible)
-    return kept, (*refused, *others), whole or explicit_at_null(flat, kept)
+    together, apart, whole = _together(flat, kept) if whole is None else (kept, (), whole)
+    return together, (*refused, *others, *apart), whole
 
 
 def _with_possible_values(
@@ -139,18 +140,38 @@ def _with_possible_values(
 
 
 def _told_apart(
-    flat: FlatModel, candidates: tuple[Candidate, ...]
+    flat: FlatModel,
+    candidates: tuple[Candidate, ...],
+    before: tuple[Candidate, ...] = (),
+    *,
+    is_beside: bool = False,
 ) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...], ExplicitModel | None]:
     """As `attachable`, by halves: where one of hundreds cannot be attached, few models are built. The model
-    where all can be."""
+    where all can be. Each half is asked alone, or `is_beside` that `before` it and all that it keeps."""
     try:
-        return candidates, (), explicit_at_null(flat, candidates)
+        return candidates, (), explicit_at_null(flat, (*before, *candidates))
     except DaestError as error:
         if len(candidates) == 1:
             return (), ((candidates[0].label, error.what),), None
     middle = len(candidates) // 2
-    parts = [_told_apart(flat, half) for half in (candidates[:middle], candidates[middle:])]
-    return parts[0][0] + parts[1][0], parts[0][1] + parts[1][1], None
+    first = _told_apart(flat, candidates[:middle], before, is_beside=is_beside)
+    before = (*before, *first[0]) if is_beside else ()
+    second = _told_apart(flat, candidates[middle:], before, is_beside=is_beside)
+    return first[0] + second[0], first[1] + second[1], None
+
+
+def _together(
+    flat: FlatModel, candidates: tuple[Candidate, ...]
+) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...], ExplicitModel]:
+    """As `attachable`, of candidates each of which can be attached alone: those that can be so beside all
+    before them. What changes a store gives way to what has a state of its own, which is the more usual."""
+    try:
+        return candidates, (), explicit_at_null(flat, candidates)
+    except DaestError:
+        ordered = sorted(candidates, key=lambda c: c.effect.is_of_store)
+    kept, refused, _ = _told_apart(flat, tuple(ordered), is_beside=True)
+    kept = tuple(c for c in candidates if c in kept)
+    return kept, refused, explicit_at_null(flat, kept)
 
 
 def explicit_at_null(flat: FlatModel, candidates: Sequence[Candidate]) -> ExplicitModel:
