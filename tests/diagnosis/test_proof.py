@@ -463,6 +463,8 @@ def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
     better = replace(seen, rms={name: 0.5 * rms for name, rms in seen.rms.items()})
     good = replace(told, simulated={**told.simulated, "validation": better})
     lost = (Ahead(1, 0.01, 7.0, -60.0),)
+    standing = replace(vague, explained=0.0, fit=good, final=good, adds_up=False)
+    assert ranked([replace(proof, adds_up=False), standing])[0].verdict == "rejected"
     torn = replace(strong, fit=good, final=good, adds_up=False, is_open=False, ahead=lost)
     assert ranked([replace(proof, adds_up=False), torn])[0].verdict == "rejected"
 
