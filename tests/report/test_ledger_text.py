@@ -45,3 +45,10 @@ def test_sizes_of_earlier_effects_are_told_beside_later_ones():
 def test_single_effect_is_told_once():
     said = text(ledger(step(0), step(1, "loss", **{"loss.G": (32.2, 7.1)})))
     assert "in the last model" not in said
+
+
+def test_what_is_known_of_a_size_beside_another_parameter_is_told():
+    product = {"value": 0.2179, "std_error": 0.024, "unit": "A"}
+    first = step(1, "spring", **{"spring.tau_h": (0.0017, 0.034)}) | {"known_products": {"tau_h/k": product}}
+    said = " ".join(text(ledger(step(0), first)).split())
+    assert "tau_h = 0.0017 ± 0.034 W/K, tau_h/k = 0.2179 ± 0.024 A; supported" in said

@@ -203,6 +203,9 @@ class StepEntry(TypedDict):
     remark: NotRequired[str]
     log_likelihood: NotRequired[float | None]
     parameters: dict[str, Uncertain]
+    known_products: NotRequired[
+        Annotated[dict[str, Uncertain], "of sizes of the effect that the data do not determine alone"]
+    ]
     model: str | None
     delta_bic: NotRequired[float | None]
     p_value: NotRequired[float | None]
@@ -362,5 +365,8 @@ def _step(step: Step, model: str | None) -> StepEntry:
         remark=step.remark,
         log_likelihood=step.fit.log_likelihood,
         parameters=step.fit.parameters,
+        known_products={}
+        if proof is None
+        else {p.name: p for p in known_products(proof.candidate, step.fit)},
         model=model,
     )
