@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from daest.diagnosis.candidates import keeping_order, pairs
+from daest.diagnosis.candidates import attachable, keeping_order, pairs
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.model.experiment import Experiment
@@ -142,3 +142,37 @@ def test_voltage_that_a_speed_induces_is_no_store() -> None:
     library = [e for e in effect_library() if e.name == "GrowingCapacity"]
     found = pairs(library, sites(flat))
     assert found and keeping_order(flat, reduce_index(flat), found) == ()
+
+
+DRIVE = """\
+model Drive
+  Daest.Electrical.Analog.Sources.SignalVoltage driver;
+  Daest.Electrical.Analog.Basic.Ground ground;
+  Daest.Electrical.Analog.Basic.Resistor coil(R = 2.4);
+  Daest.Electrical.Analog.Basic.RotationalEMF motor(k = 0.2);
+  Daest.Mechanics.Rotational.Components.Inertia wheel(J = 0.003);
+  input Real u(unit = "V");
+  output Real w(unit = "rad/s") = wheel.w;
+equation
+  driver.v = u;
+  connect(driver.p, coil.p);
+  connect(coil.n, motor.p);
+  connect(motor.n, driver.n);
+  connect(driver.n, ground.p);
+  connect(motor.flange, wheel.flange_a);
+end Drive;
+"""
+
+
+def test_what_cannot_stand_beside_another_is_refused_alone() -> None:
+    """A capacity at the motor is its inertia seen from the coil; where its ground may move, it is none. Each
+    can be attached, both cannot be."""
+    flat = compile_text(DRIVE.encode(), Path("Drive.mo"))
+    names = {"GrowingCapacity": "coil.n", "Inductance": "ground.p"}
+    chosen = [c for c in pairs(effect_library(), sites(flat)) if names.get(c.effect.name) == c.site.name]
+    assert len(chosen) == 2 and all(not attachable(flat, [one])[1] for one in chosen)
+    for order in (chosen, chosen[::-1]):
+        kept, refused, explicit = attachable(flat, tuple(order))
+        assert [c.effect.name for c in kept] == ["Inductance"] and len(refused) == 1
+        assert refused[0][0] == "GrowingCapacity at coil.n"
+        assert any(name.startswith(f"{kept[0].name}.") for name in explicit.flat.unknown_names)

@@ -9,6 +9,7 @@ import pytest
 from hidden_plants import library, model, prove, quiet, rotor_record, rubbing, some_effects
 
 from daest.diagnosis import proof as proving
+from daest.diagnosis import reasons
 from daest.diagnosis import settled as settling
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.certainty import certainty_of, known_products
@@ -22,6 +23,7 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import _is_much_left, with_steady_error
 from daest.diagnosis.ranking import _ends_in_a_simpler_law, best_accepted, least_hope, ranked
 from daest.diagnosis.reasons import (
+    _tells_otherwise,
     is_history,
     is_significant,
     lag_too_short,
@@ -367,6 +369,26 @@ def test_limit_that_the_signal_is_always_beyond_is_a_gain(name, limit, gain):
 
 
 @pytest.mark.parametrize(
+    ("name", "values", "level", "is_straight"),
+    [
+        ("QuadraticGain", {"a": 0.1}, 0.0, False),
+        ("QuadraticGain", {"a": 0.001}, 1000.0, True),  # the readings of a thermometer, in kelvin
+        ("DeadZone", {"width": 0.1}, 1000.0, False),  # its width is the offset
+    ],
+)
+def test_bend_far_from_zero_that_the_recordings_show_straight_is_a_gain(name, values, level, is_straight):
+    """a u^2 about a level U is 2 a U u - a U^2 but for a share of u's range over U, squared."""
+    stand = rubbing()
+    moved = [replace(e, inputs=e.inputs + level) for e in stand.null.experiments]
+    bent = next(c for c in pairs(some_effects(name), sites(model())) if c.site.kind == "input")
+    flat = attach(stand.null.flat, bent.effect, bent.site, bent.name, values)
+    own = {f"{bent.name}.{key}": value for key, value in values.items()}
+    fit = replace(stand.baseline, theta={**stand.baseline.theta, **own})
+    found = straight(grown(stand.null, flat, reduce_index(flat), fit, moved), bent, fit)
+    assert found.startswith("the recordings show no bend of it: it is a gain of 3 ") == is_straight, found
+
+
+@pytest.mark.parametrize(
     ("name", "values", "is_same"),
     [
         ("QuadraticGain", {"a": -0.05}, True),
@@ -389,8 +411,22 @@ def test_sensor_that_bends_and_tells_all_is_a_machine_that_bends(name, values, i
         fit = replace(stand.baseline, theta={**stand.baseline.theta, **own})
         bends = grown(stand.null, flat, reduce_index(flat), fit, stand.null.experiments)
         said = same_in_machine(bends, bent, fit)
-        expected = (f"a machine that bends alike before {bent.site.name}",)
-        assert said == (expected if is_same and bent.site.kind == "output" else ())
+        expected = f"a machine that bends alike before {bent.site.name}"
+        assert said == (expected if is_same and bent.site.kind == "output" else "")
+
+
+def test_sensor_that_bends_beside_a_straight_one_of_the_same_signal_is_no_machine(monkeypatch):
+    """If the machine bent, both would show it; a tachometer tells another signal, which a bent machine turns
+    out otherwise, too."""
+    bent = next(c for c in pairs(some_effects("QuadraticGain"), sites(model())) if c.site.kind == "output")
+    phi = np.cumsum(np.random.default_rng(3).normal(size=500))
+    outputs = [SimpleNamespace(name="phi"), SimpleNamespace(name="y")]
+    machine = SimpleNamespace(flat=SimpleNamespace(outputs=outputs), experiments=())
+    bend = SimpleNamespace(along=phi)
+    for y, tells in ((3.0 - 2.0 * phi, True), (np.gradient(phi), False), (np.full(500, 3.0), False)):
+        run = SimpleNamespace(outputs=np.column_stack([phi - 0.05 * phi * np.abs(phi), y]))
+        monkeypatch.setattr(reasons, "free_runs", lambda *_, run=run: (run,))
+        assert _tells_otherwise(machine, bent, bend) == tells
 
 
 def test_size_as_large_as_it_can_be_is_no_weakness():
@@ -427,6 +463,8 @@ def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
     better = replace(seen, rms={name: 0.5 * rms for name, rms in seen.rms.items()})
     good = replace(told, simulated={**told.simulated, "validation": better})
     lost = (Ahead(1, 0.01, 7.0, -60.0),)
+    standing = replace(vague, explained=0.0, fit=good, final=good, adds_up=False)
+    assert ranked([replace(proof, adds_up=False), standing])[0].verdict == "rejected"
     torn = replace(strong, fit=good, final=good, adds_up=False, is_open=False, ahead=lost)
     assert ranked([replace(proof, adds_up=False), torn])[0].verdict == "rejected"
 

@@ -73,6 +73,18 @@ def test_one_accepted_candidate_is_supported_with_its_numbers():
     assert "phi 1 -> 0.1" in found.message and "QuadraticDrag" not in found.message
 
 
+def test_bent_sensor_that_a_bent_machine_equals_is_not_told_from_it():
+    inside = "a machine that bends alike before phi"
+    found = decide(evidence(proofs=[replace(proof(), inside=inside), proof("QuadraticDrag", "rejected")]))
+    assert found.name == "cannot tell" and inside in found.message and "tau_c = 0.15 ± 0.01" in found.message
+    assert "phi 1 -> 0.1" in found.message and "sensor" in found.next_experiment
+    first, second = found.proofs
+    assert first.verdict == "not separable" and first.not_separable_from == (inside,)
+    assert second.verdict == "rejected"
+    others = [replace(proof(), inside=inside), proof("QuadraticDrag")]
+    assert inside in decide(evidence(proofs=others)).message
+
+
 def untried(score, p_value=1e-9):
     return Unproved(
         candidate("QuadraticDrag"), (), score, p_value, (0.1,), "it could not be refitted: too stiff", True

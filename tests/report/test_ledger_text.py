@@ -47,8 +47,8 @@ def test_single_effect_is_told_once():
     assert "in the last model" not in said
 
 
-def test_product_that_is_known_where_the_size_is_not_is_told():
-    bent = step(1, "bend", **{"bend.a": (1.5, 6.2)})
-    bent["known_products"] = {"a*k": {"value": 0.0043, "std_error": 0.0001, "unit": "N.m"}}
-    said = " ".join(text(ledger(step(0), bent)).split())
-    assert "step 1: a = 1.5 ± 6.2 W/K, a*k = 0.0043 ± 0.0001 N.m; supported" in said
+def test_what_is_known_of_a_size_beside_another_parameter_is_told():
+    product = {"value": 0.2179, "std_error": 0.024, "unit": "A"}
+    first = step(1, "spring", **{"spring.tau_h": (0.0017, 0.034)}) | {"known_products": {"tau_h/k": product}}
+    said = " ".join(text(ledger(step(0), first)).split())
+    assert "tau_h = 0.0017 ± 0.034 W/K, tau_h/k = 0.2179 ± 0.024 A; supported" in said

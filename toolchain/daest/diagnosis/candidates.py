@@ -136,7 +136,11 @@ def attachable(
 ) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...], ExplicitModel]:
     """The candidates that leave a model that can be solved, the others with the reason, and that model."""
     possible, refused = _with_possible_values(candidates)
-    kept, others, whole = _told_apart(flat, possible, ())
+    # What changes a store gives way to what has a state of its own, which is the more usual.
+    ordered = sorted(possible, key=lambda c: c.effect.is_of_store)
+    found, others, whole = _told_apart(flat, tuple(ordered), ())
+    names = {c.name for c in found}
+    kept = tuple(c for c in possible if c.name in names)
     return kept, (*refused, *others), whole or explicit_at_null(flat, kept)
 
 

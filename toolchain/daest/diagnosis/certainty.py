@@ -47,7 +47,7 @@ def certainty_of(
     beside = (
         1.0 / spread
         for scale, spread in _beside_scales(candidate, told, own, declared)
-        if _is_bend(declared) or not _is_blurred(scale, before)
+        if is_bend(declared) or not _is_blurred(scale, before)
     )
     return max(alone, *beside, 0.0)
 
@@ -68,7 +68,7 @@ def known_products(candidate: Candidate, told: FitResult) -> tuple[KnownProduct,
         ]
         if beside:
             spread, scale = min(beside, key=lambda one: one[0])
-            found.append(_product(own, scale, spread, 1 if _is_bend(size) else -1))
+            found.append(_product(own, scale, spread, 1 if is_bend(size) else -1))
     return tuple(found)
 
 
@@ -83,7 +83,7 @@ def _product(own: FittedParameter, scale: FittedParameter, spread: float, power:
     )
 
 
-def _is_bend(declared: EffectParameter) -> bool:
+def is_bend(declared: EffectParameter) -> bool:
     """Whether a size bends a signal: it counts by its product with a gain."""
     return declared.signal_unit == "1/u"
 
@@ -103,7 +103,7 @@ def _beside_scales(
         if p.min is None or not p.min >= 0.0 < p.value:
             continue
         both = np.ix_([known[own.name], known[p.name]], [known[own.name], known[p.name]])
-        relative = np.array([1.0 / own.value, (1.0 if _is_bend(declared) else -1.0) / p.value])
+        relative = np.array([1.0 / own.value, (1.0 if is_bend(declared) else -1.0) / p.value])
         variance = float(relative @ cov[both] @ relative)
         if variance > 0.0:
             yield p, float(np.sqrt(variance))

@@ -332,7 +332,8 @@ def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _
 
 
 def _remark(proof: Proof) -> str:
-    others, same = ", ".join(proof.not_separable_from), ", ".join(proof.same_as)
+    inside = [proof.inside] if proof.inside and proof.inside not in proof.not_separable_from else []
+    others, same = ", ".join([*proof.not_separable_from, *inside]), ", ".join(proof.same_as)
     said = f"not separable from {others}" if others else "supported"
     return f"{said}, and the same equation as {same}" if same else said
 

@@ -252,7 +252,7 @@ class _Judge:
             adds_up=self.reference is not None and self.reference.adds_up,
             in_use=told.in_use,
             is_shown=told.is_shown,
-            same_as=() if reason else same_in_machine(self.with_effect, candidate, told.final or told.fit),
+            inside="" if reason else same_in_machine(self.with_effect, candidate, told.final or told.fit),
         )
 
     def _is_before_unseen(self, told: _Told) -> bool:

@@ -268,9 +268,12 @@ def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
 
 
 def _is_in_the_way(refused: Proof, best: Proof) -> bool:
-    # What does most of what is missing is in the way of what does little of it, whichever law it stands for.
-    is_in_question = refused.is_open or (refused.is_vague and refused.explained >= GATES.min_explained)
-    if not is_in_question or _ends_in_a_simpler_law(refused, best):
+    # What does most of what is missing is in the way of what does little of it, whichever law it stands for;
+    # so is what foresees unseen data clearly better.
+    does_more = (
+        refused.explained >= GATES.min_explained or _unseen_ratio(best, refused) < GATES.max_rival_error
+    )
+    if not (refused.is_open or (refused.is_vague and does_more)) or _ends_in_a_simpler_law(refused, best):
         return False
     return _is_likelier_part(refused, best) or not _unseen_ratio(refused, best) < GATES.max_rival_error
 

@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daest.diagnosis.candidates import scaled_by, scaled_shapes
-from daest.diagnosis.certainty import KnownProduct, certainty_of, known_products
+from daest.diagnosis.certainty import KnownProduct, certainty_of, is_bend, known_products
 from daest.diagnosis.free_forms import covers
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown
 from daest.diagnosis.open_loop import driven_share, largest_values, values_along
 from daest.diagnosis.screen import NullObserver, law_response, run_null
 from daest.diagnosis.trials import Prepared
+from daest.diagnosis.unseen import free_runs
 from daest.errors import DaestError
 from daest.estimation.signals import is_constant
 from daest.model.diagnosis import Candidate, FreeForm, Proof
@@ -205,9 +206,11 @@ def is_history(experiments: Sequence[Experiment], candidate: Candidate, told: Fi
 
 
 def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
-    """Why a law that bends a signal at places along it is not what its name says, where the recordings show
-    it straight: a gain with an offset, which other parameters may be, too. Empty where it bends."""
-    bend = _bend(model, candidate, told) if scaled_shapes(candidate) else None
+    """Why a law that bends a signal at places along it, or everywhere, is not what its name says, where the
+    recordings show it straight: a gain with an offset, which other parameters may be, too. Empty where it
+    bends. Of a dead zone from whose one side alone the recordings are, the offset is the width: it stays."""
+    shows = bool(scaled_shapes(candidate)) or any(is_bend(p) for p in candidate.effect.sizes)
+    bend = _bend(model, candidate, told) if shows else None
     if bend is None or bend.rest >= GATES.absorbed_share * bend.size:
         return ""
     return (
@@ -216,21 +219,47 @@ def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
     )
 
 
-def same_in_machine(model: Null, candidate: Candidate, told: FitResult) -> tuple[str, ...]:
-    """What a law that bends a sensor may be as well where every reading tells one value: in terms of the
-    readings the equations are those of a machine whose gains and losses bend along. Empty where it is none
-    such."""
+def same_in_machine(model: Null, candidate: Candidate, told: FitResult) -> str:
+    """What a law that bends a sensor may be as well where every reading tells one value and no other output
+    tells the same signal: in terms of the readings the equations are those of a machine whose gains and
+    losses bend along. Empty where it is none such."""
     bend = _bend(model, candidate, told) if candidate.site.kind == "output" else None
     if bend is None or bend.rest < GATES.absorbed_share * bend.size or not bend.is_monotone:
-        return ()
-    return (f"a machine that bends alike before {candidate.site.name}",)
+        return ""
+    if _tells_otherwise(grown(model, model.flat, model.explicit, told, model.experiments), candidate, bend):
+        return ""
+    return f"a machine that bends alike before {candidate.site.name}"
+
+
+def _tells_otherwise(bent: Null, candidate: Candidate, bend: _Bend) -> bool:
+    """Whether another output tells the signal before a law that bends an output, as it is."""
+    others = [i for i, y in enumerate(bent.flat.outputs) if y.name != candidate.site.name]
+    runs = free_runs(bent, bent.experiments) if others else ()
+    if not runs:
+        return False
+    return any(_is_line(np.concatenate([run.outputs[:, i] for run in runs]), bend.along) for i in others)
+
+
+def _is_line(y: np.ndarray, u: np.ndarray) -> bool:
+    """Whether y is a straight line in u, both (n,), that falls or rises."""
+    slope, _, rest = _line(u, y)
+    return bool(abs(slope) * np.std(u) > 0.0 and rest < GATES.absorbed_share * np.linalg.norm(y - np.mean(y)))
+
+
+def _line(u: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
+    """Slope and offset of the straight line of least squares in u for y, both (n,), and the norm of what it
+    leaves."""
+    slope, offset = np.linalg.lstsq(np.column_stack([u, np.ones_like(u)]), y)[0]
+    return float(slope), float(offset), float(np.linalg.norm(y - slope * u - offset))
 
 
 @dataclass(frozen=True)
 class _Bend:
-    """How a law changes its signal along the recordings: `size` (norm) of the change, the straight line
-    nearest to it, `rest` (norm) of the change beside that, and whether what comes out tells what goes in."""
+    """How a law changes its signal `along` (n,) the recordings: `size` (norm) of the change, the straight
+    line nearest to it, `rest` (norm) of the change beside that, and whether what comes out tells what goes
+    in."""
 
+    along: np.ndarray
     size: float
     slope: float
     offset: float
@@ -247,10 +276,7 @@ def _bend(model: Null, candidate: Candidate, told: FitResult) -> _Bend | None:
     if along is None or not np.all(np.isfinite(along)):
         return None
     u, change = along[0], along[1] - along[0]
-    terms = np.column_stack([u, np.ones_like(u)])
-    slope, offset = np.linalg.lstsq(terms, change)[0]
-    rest = float(np.linalg.norm(change - slope * u - offset))
-    return _Bend(float(np.linalg.norm(change)), float(slope), float(offset), rest, _tells_one(u, change))
+    return _Bend(u, float(np.linalg.norm(change)), *_line(u, change), _tells_one(u, change))
 
 
 def _tells_one(u: np.ndarray, change: np.ndarray) -> bool:

@@ -38,6 +38,7 @@ MOVING = (
     "Validate with data in which the machine moves: another share of the recording (--split), a part of it "
     "(--from, --to), or another recording."
 )
+BESIDE_SENSOR = "Calibrate the sensor, or measure the same quantity by another one."
 LARGER = "Record again with larger amplitudes, which show more of the form of the law."
 
 
@@ -204,7 +205,9 @@ def _by_hand(evidence: Evidence, one: Unproved) -> str:
 
 def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | None) -> Decided:
     if len(accepted) == 1:
-        return Decided("supported", _supported(evidence, accepted[0]))
+        return _as_well_inside(evidence, accepted[0]) or Decided(
+            "supported", _supported(evidence, accepted[0])
+        )
     if accepted:
         return _cannot_tell(evidence, accepted)
     if evidence.rest.is_explained(evidence) and not any(p.is_any_dynamics for p in evidence.proofs):
@@ -217,6 +220,17 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
             _by_hand(evidence, leader),
         )
     return evidence.rest.verdict(evidence)
+
+
+def _as_well_inside(evidence: Evidence, proof: Proof) -> Decided | None:
+    """No claim for a law of a sensor that is the same equation as one in the machine before it; None where it
+    is none."""
+    if not proof.inside:
+        return None
+    why = f"on these recordings it is the same equation as {proof.inside} ({told_values(proof)})"
+    decided = _beside(evidence, [proof], proof.inside, why, BESIDE_SENSOR)
+    told = _errors(evidence, proof) + _importance(evidence, proof) + _certainty(evidence, proof)
+    return replace(decided, message=decided.message + told)
 
 
 def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
@@ -402,7 +416,7 @@ def _errors(evidence: Evidence, proof: Proof) -> str:
 
 
 def _cannot_tell(evidence: Evidence, accepted: Sequence[Proof]) -> Decided:
-    names = [p.candidate.label for p in accepted]
+    names = [p.candidate.label for p in accepted] + [p.inside for p in accepted if p.inside]
     differ = {p.candidate.site.name for p in accepted}
     is_mechanical = accepted[0].candidate.site.domain in ("rotational", "translational")
     separate = (

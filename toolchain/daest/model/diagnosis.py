@@ -308,6 +308,7 @@ class Proof:
     is_shown: bool = False  # by its simulation, by more than chance
     is_by_use: bool = False  # the deltas are those in use
     same_as: tuple[str, ...] = ()  # other laws that are the same equation on these recordings
+    inside: str = ""  # of a sensor: what in the machine is the same equation on these recordings
     steady_error: float | None = None
 
     @property

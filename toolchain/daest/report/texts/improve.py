@@ -59,8 +59,8 @@ def _remarks(i: int, step: Mapping[str, Any], is_last: bool) -> Iterator[Rendera
     before a later effect is there is told in the last model alone."""
     if step["added"] is None:
         return
-    products = [diagnose.size(name, p) for name, p in step.get("known_products", {}).items()]
-    sizes = ", ".join([*filter(None, [_sizes(step, step, is_last)]), *products])
+    products = (diagnose.size(name, p) for name, p in step.get("known_products", {}).items())
+    sizes = ", ".join(filter(None, (_sizes(step, step, is_last), *products)))
     alike = diagnose.grouped(step["equivalent_places"])
     seen = f"; the sensors see it alike at {alike}" if alike else ""
     file = step["model"] or f"not written: {step['model_reason']}"
