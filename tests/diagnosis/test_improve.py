@@ -291,3 +291,19 @@ def test_pair_is_added_where_each_is_accepted_beside_the_other(rounds, monkeypat
     if gains and not refused:
         assert added[0].remark == "only together with QuadraticDrag at rotor.flange_a"
         assert added[0].proof.verdict == "supported" and added[0].proof.reason == ""
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_step_whose_sizes_another_fit_does_not_determine_says_so(is_known):
+    """The ledger tells the values of that fit: errors larger than sizes would stand beside *supported*."""
+    stand, proof = rubbing(), proof_of("CoulombFriction")
+    steps = (Step(None, stand.told, None, ""), Step(proof, proof.told, None, "supported"))
+    blurred = tuple(
+        replace(p, std_error=20.0 * abs(p.value)) if p.name.startswith("hidden_") else p
+        for p in proof.told.parameters
+    )
+    told = proof.told if is_known else replace(proof.told, parameters=blurred)
+    again = SimpleNamespace(null=stand.null, baseline=proof.fit, told=told)
+    last = improving._refitted(improving._Path(stand, steps), again, "refitted: held").steps[-1]
+    assert last.remark.startswith("supported; refitted: held")
+    assert last.remark.endswith("with which the data determine none of its parameters") != is_known

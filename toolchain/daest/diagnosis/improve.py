@@ -22,6 +22,7 @@ from daest.diagnosis.holds import AGAIN, BACK, IN_VAIN, better_hold, says_as_muc
 from daest.diagnosis.load_starts import QUICK, says_as_much_as_starts
 from daest.diagnosis.null import known_values, without_memory
 from daest.diagnosis.options import DiagnoseOptions, Progress
+from daest.diagnosis.reasons import not_determined
 from daest.diagnosis.rounds import accept, gains_beside, proved_again, proved_beside, with_kinks
 from daest.diagnosis.screen import promising_pairs
 from daest.diagnosis.settled import FAILURES
@@ -370,9 +371,11 @@ def _with_kinks(task: _Task, path: _Path) -> _Path:
 
 def _refitted(path: _Path, stand: Stand, remark: str) -> _Path:
     """The path with the values of the `stand` in its last step, whose model was fitted again, as the `remark`
-    says."""
+    says; and that nothing is known of the sizes in that fit, where it is so."""
     last = path.steps[-1]
     assert last.proof is not None
+    if not_determined(last.proof.candidate, stand.told, path.steps[-2:][0].fit):
+        remark += ", with which the data determine none of its parameters"
     proof = replace(last.proof, flat=stand.null.flat, fit=stand.baseline, final=stand.told)
     step = replace(last, proof=proof, fit=stand.told, remark=f"{last.remark}; {remark}")
     return replace(path, stand=stand, steps=(*path.steps[:-1], step))
