@@ -323,7 +323,8 @@ def unevenness(time: np.ndarray) -> float:
     steps = np.diff(time)
     steps = steps[steps > 0]
     if steps.size:
-        steps = steps / np.maximum(np.round(steps / np.median(steps)), 1.0)
+        with np.errstate(over="ignore"):  # times may be anything
+            steps = steps / np.maximum(np.round(steps / np.median(steps)), 1.0)
     halves = np.array_split(steps, 2)
     quantiles = [np.quantile(half, [0.05, 0.5, 0.95]) for half in halves if half.size]
     return max((float(0.5 * (high - low) / step) for low, step, high in quantiles), default=0.0)

@@ -100,12 +100,15 @@ def _clock(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]] |
     if time.size < 3:
         return None
     steps = np.diff(time)
-    counts = np.round(steps / np.median(steps))
+    with np.errstate(over="ignore"):  # times may be anything
+        counts = np.round(steps / np.median(steps))
+    if not 1 <= counts.min() or counts.max() > DATA.pause:
+        return None
     rows = np.concatenate([[0], np.cumsum(counts)]).astype(int)
     n = int(rows[-1]) + 1
     n_lost = n - time.size
-    is_told = steps.size >= DATA.clock_steps and counts.max() <= DATA.pause and n_lost <= DATA.most_lost * n
-    if counts.min() < 1 or (n_lost and not is_told):
+    is_told = steps.size >= DATA.clock_steps and n_lost <= DATA.most_lost * n
+    if n_lost and not is_told:
         return None
     slope = np.polyfit(rows, time - time[0], 1)[0]
     period = float(f"{slope:.9g}")
