@@ -113,37 +113,6 @@ def test_where_nothing_stores_nothing_grows() -> None:
     assert "capacitor.p" in (kept[0].site.name, *kept[0].site.aliases) and kept[0].keeps_order
 
 
-MOTOR = """model Motor
-  parameter Real R(unit = "Ohm") = 5;
-  Daest.Blocks.Interfaces.RealInput u(unit = "V", start = 0);
-  Daest.Blocks.Interfaces.RealOutput w(unit = "rad/s");
-  Daest.Electrical.Analog.Sources.SignalVoltage source;
-  Daest.Electrical.Analog.Basic.Resistor resistor(R = R);
-  Daest.Electrical.Analog.Basic.RotationalEMF emf(k = 0.1);
-  Daest.Electrical.Analog.Basic.Ground ground;
-  Daest.Mechanics.Rotational.Components.Inertia rotor(J = 1e-4);
-  Daest.Mechanics.Rotational.Sensors.SpeedSensor tachometer;
-equation
-  connect(u, source.v);
-  connect(source.p, resistor.p);
-  connect(resistor.n, emf.p);
-  connect(emf.n, source.n);
-  connect(source.n, ground.p);
-  connect(emf.flange, rotor.flange_a);
-  connect(rotor.flange_b, tachometer.flange);
-  connect(tachometer.w, w);
-end Motor;
-"""
-
-
-def test_voltage_that_a_speed_induces_is_no_store() -> None:
-    """What acts on it acts on the shaft."""
-    flat = compile_text(MOTOR.encode(), Path("Motor.mo"))
-    library = [e for e in effect_library() if e.name == "GrowingCapacity"]
-    found = pairs(library, sites(flat))
-    assert found and keeping_order(flat, reduce_index(flat), found) == ()
-
-
 DRIVE = """\
 model Drive
   Daest.Electrical.Analog.Sources.SignalVoltage driver;
@@ -176,3 +145,11 @@ def test_what_cannot_stand_beside_another_is_refused_alone() -> None:
         assert [c.effect.name for c in kept] == ["Inductance"] and len(refused) == 1
         assert refused[0][0] == "GrowingCapacity at coil.n"
         assert any(name.startswith(f"{kept[0].name}.") for name in explicit.flat.unknown_names)
+
+
+def test_voltage_that_a_speed_induces_is_no_store() -> None:
+    """What acts on it acts on the shaft."""
+    flat = compile_text(DRIVE.encode(), Path("Drive.mo"))
+    library = [e for e in effect_library() if e.name == "GrowingCapacity"]
+    found = pairs(library, sites(flat))
+    assert found and keeping_order(flat, reduce_index(flat), found) == ()
