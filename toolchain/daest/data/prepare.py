@@ -102,7 +102,7 @@ def _clock(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]] |
     steps = np.diff(time)
     with np.errstate(over="ignore"):  # times may be anything
         counts = np.round(steps / np.median(steps))
-    if not 1 <= counts.min() or counts.max() > DATA.pause:
+    if not (counts.min() >= 1 and counts.max() <= DATA.pause):
         return None
     rows = np.concatenate([[0], np.cumsum(counts)]).astype(int)
     n = int(rows[-1]) + 1
