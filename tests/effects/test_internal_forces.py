@@ -83,6 +83,13 @@ def simulated(flat):
     return simulate(flat, (np.linspace(0.0, 2.0, 41), np.full((41, 1), 1.5))).outputs[-1]
 
 
+def both_ways(path, flat, effect, site, values):
+    """The model with the effect attached, and as it is written."""
+    return attach(flat, effect, site, values=values), extend_model(
+        path, None, effect, site, values=values
+    ).flat
+
+
 @cache
 def two_bodies(law):
     """The same of the two bodies with the force law(x, v) beside their spring."""
@@ -170,10 +177,7 @@ def test_play_is_that_of_the_spring_and_the_damper_of_the_equation(tmp_path, tex
     assert site.given == {"c": "c", "d": "d"}
     values, expected = {"gap": 0.02, "s_s": 1e-3}, two_bodies(play)
     assert not np.allclose(expected, two_bodies(no_force), rtol=1e-3)
-    for model in (
-        attach(flat, effect, site, values=values),
-        extend_model(path, None, effect, site, values=values).flat,
-    ):
+    for model in both_ways(path, flat, effect, site, values):
         np.testing.assert_allclose(simulated(model), expected, rtol=1e-5)
 
 
@@ -239,14 +243,11 @@ def test_effect_behind_a_gear_acts_on_either_side_by_its_ratio(tmp_path, text, c
 
     expected = motion(law)
     assert not np.allclose(expected, motion(no_force), rtol=1e-3)
-    for model in (
-        attach(flat, effect, site, values=values),
-        extend_model(path, None, effect, site, values=values).flat,
-    ):
+    for model in both_ways(path, flat, effect, site, values):
         np.testing.assert_allclose(simulated(model), expected, rtol=1e-5)
 
 
-def test_play_between_a_pinion_and_its_rack_is_one_of_the_slide(tmp_path):
+def test_spring_between_a_pinion_and_its_rack_is_one_of_the_slide(tmp_path):
     """A torque on the shaft by the radius, a force on the slide: the motion between them is one in metres."""
     path = tmp_path / "Rack.mo"
     path.write_text("""model Rack
@@ -282,10 +283,7 @@ end Rack;
         return solve_ivp(rate, (0.0, 2.0), [0.0] * 4, method="LSODA", rtol=1e-9, atol=1e-12).y[:2, -1]
 
     assert not np.allclose(motion(9e3)[1], motion(0.0)[1], rtol=1e-3)
-    for model in (
-        attach(flat, effect, site, values={"c3": 9e3}),
-        extend_model(path, None, effect, site, values={"c3": 9e3}).flat,
-    ):
+    for model in both_ways(path, flat, effect, site, {"c3": 9e3}):
         np.testing.assert_allclose(simulated(model), motion(9e3), rtol=1e-5)
 
 

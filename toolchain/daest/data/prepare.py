@@ -68,27 +68,26 @@ def on_clock(experiment: Experiment) -> Experiment:
     if clock is None:
         return experiment
     time, rows, notes = clock
-    lost = np.setdiff1d(np.arange(time.size), rows)
+    experiment = replace(experiment, notes=(*experiment.notes, *notes))
+    if time.size == experiment.n_samples:
+        return replace(experiment, time=time)
+    is_lost = np.ones((time.size, 1), dtype=bool)
+    is_lost[rows] = False
 
     def spread(values: np.ndarray) -> np.ndarray:
-        return np.full((time.size, *values.shape[1:]), np.nan)
+        whole = np.full((time.size, values.shape[1]), np.nan)
+        whole[rows] = values
+        return whole
 
     def filled(values: np.ndarray) -> np.ndarray:
-        if not lost.size:
-            return values
-        whole, missing = spread(values), np.zeros((time.size, values.shape[1]), dtype=bool)
-        whole[rows], missing[lost] = values, True
-        return bridged(whole, missing)
+        return bridged(spread(values), np.broadcast_to(is_lost, (time.size, values.shape[1])))
 
-    outputs = spread(experiment.outputs)
-    outputs[rows] = experiment.outputs
     return replace(
         experiment,
         time=time,
         inputs=filled(experiment.inputs),
-        outputs=outputs,
+        outputs=spread(experiment.outputs),
         extra={name: filled(values[:, None])[:, 0] for name, values in experiment.extra.items()},
-        notes=(*experiment.notes, *notes),
     )
 
 

@@ -11,6 +11,7 @@ from daest.diagnosis.candidates import pairs
 from daest.diagnosis.dead_times import DELAY
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions
+from daest.estimation.signals import is_constant
 from daest.model.diagnosis import Candidate
 from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
@@ -34,7 +35,7 @@ def chosen_candidates(
     none = {
         name for name in experiments[0].input_names if not any(np.any(e.input(name)) for e in experiments)
     }
-    moves = not all(e.keeps_level(name) for e in experiments for name in e.input_names)
+    moves = not all(is_constant(u) for e in experiments for u in e.inputs.T)
     runs_by_itself = not moves and len(experiments[0].output_names) == 1
     return tuple(
         c

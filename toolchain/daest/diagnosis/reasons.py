@@ -201,7 +201,7 @@ def is_history(experiments: Sequence[Experiment], candidate: Candidate, told: Fi
     """Whether a lag or a delay is all made of what was before the recordings began: it is too slow for them,
     and its input keeps its level in all of them. It may follow any transient, and is no rival of a law."""
     at_input = candidate.site.kind == "input"
-    rests = at_input and all(e.keeps_level(candidate.site.name) for e in experiments)
+    rests = at_input and all(is_constant(e.input(candidate.site.name)) for e in experiments)
     return rests and bool(too_slow(experiments, candidate, told))
 
 

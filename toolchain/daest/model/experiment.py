@@ -51,10 +51,6 @@ class Experiment(Timed):
         """The course (n_samples,) of one input."""
         return self.inputs[:, self.input_names.index(name)]
 
-    def keeps_level(self, name: str) -> bool:
-        """Whether one input never moves."""
-        return float(np.ptp(self.input(name))) == 0.0
-
     def output(self, name: str) -> np.ndarray:
         """The course (n_samples,) of one output, NaN where a sample is missing."""
         return self.outputs[:, self.output_names.index(name)]

@@ -367,12 +367,8 @@ def _domain_of_motion(flat: FlatModel, bodies: Sequence[Balance], ratios: Sequen
     domains = [body.domain(flat) for body in bodies]
     if not ratios or domains[0] == domains[1]:
         return domains[0] if ratios else None
-    own = (d for d, ratio in zip(domains, ratios, strict=True) if abs(_number(ratio)) == 1.0)
+    own = (d for d, ratio in zip(domains, ratios, strict=True) if signed_text(ratio, flat)[1] == "")
     return next(own, None)
-
-
-def _number(factor: ca.SX) -> float:
-    return float(factor) if factor.is_constant() else np.nan
 
 
 def _opposite(flat: FlatModel, acting: ca.SX, bodies: Sequence[Balance]) -> tuple[ca.SX, ...]:
