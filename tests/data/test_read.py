@@ -7,6 +7,7 @@ import scipy.io
 
 from daest.data.prepare import Preparation
 from daest.data.read import Signal, measured_names, read_experiments, read_table, select_outputs
+from daest.data.stream import line_format
 from daest.data.table import Part
 from daest.errors import ConfigError, DataError
 
@@ -74,6 +75,19 @@ def test_mapping_extra_columns_and_array_names(tmp_path):
     assert measured_names([experiment]) == ("x[1]", "T")
     only = select_outputs(experiment, ["T"])
     assert only.output_names == ("T",) and only.outputs.shape == (2, 1) and "x[1]" in only.extra
+
+
+def test_a_minus_before_a_column_turns_its_sign(tmp_path):
+    path = write(tmp_path, "time,u,T_wall [degC],drag\n0,1,20,7\n1,2,21,8\n")
+    inputs, outputs = [Signal("u", "V", "-u")], [Signal("T", "K", "T_wall"), Signal("f", "N", "- drag")]
+    (experiment,) = read_experiments([path], inputs, outputs, others=False)
+    assert experiment.inputs[:, 0].tolist() == [-1.0, -2.0]
+    assert experiment.outputs[:, 1].tolist() == [-7.0, -8.0]
+    assert experiment.outputs[:, 0] == pytest.approx([293.15, 294.15])
+    assert any("'u' with its sign turned" in note for note in experiment.notes)
+    line = line_format("time,u,T_wall [degC],drag", "stdin", inputs, outputs)
+    sample = line.sample("0,1,20,7", 2)
+    assert sample.inputs.tolist() == [-1.0] and sample.outputs.tolist() == [293.15, -7.0]
 
 
 def test_mat_file_with_struct(tmp_path):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -89,10 +88,11 @@ def checked(path: Path, project: Project, flat: Model | None, window: Preparatio
     table = within(with_units(read_table(path), project.units), window.start, window.stop, project.time)
     if flat is None:
         return check_table(table, {}, project.time)
-    roles: dict[str, Role] = {project.inputs.get(v.name, v.name): "input" for v in flat.inputs}
-    roles.update({project.outputs.get(y.name, y.name): "output" for y in flat.outputs})
+    inputs, outputs = signals(flat, project)
+    roles: dict[str, Role] = dict.fromkeys((signal.header for signal in inputs), "input")
+    roles.update(dict.fromkeys((signal.header for signal in outputs), "output"))
     check = check_table(table, roles, project.time)
-    unitless = unitless_findings(table, list(chain(*signals(flat, project))))
+    unitless = unitless_findings(table, [*inputs, *outputs])
     findings = (*_against(path, project, flat, window), *unitless, *check.findings)
     return replace(check, findings=findings)
 
@@ -100,7 +100,7 @@ def checked(path: Path, project: Project, flat: Model | None, window: Preparatio
 def _against(path: Path, project: Project, flat: Model, window: Preparation) -> Sequence[Finding]:
     """What the model says about a recording; what makes it unreadable is one of the findings."""
     from daest.cli.recordings import measured_recordings
-    from daest.data.check import model_findings
+    from daest.data.contradictions import model_findings
 
     try:
         measured, experiments = measured_recordings(flat, project, [path], window)

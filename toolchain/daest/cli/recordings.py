@@ -9,7 +9,8 @@ from typing import Any
 
 from daest.cli.options import DataOptions
 from daest.cli.output import note, warn
-from daest.data.check import check_experiment, model_findings
+from daest.data.check import check_experiment
+from daest.data.contradictions import model_findings
 from daest.data.prepare import Preparation, prepare, split_all
 from daest.data.project import Project
 from daest.data.read import Signal, measured_names, read_experiments, select_outputs

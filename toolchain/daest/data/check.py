@@ -1,13 +1,10 @@
-"""A look at a recording before a model is fitted to it: its clock, its columns, and pairs of them; and, with
-a model, whether an output moves against the simulated one for all parameter values.
-"""
+"""A look at a recording before a model is fitted to it: its clock, its columns, and pairs of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,9 +12,7 @@ from daest.data.faults import Samples, Series, absurd, clock_findings, column_fi
 from daest.data.limits import DATA
 from daest.data.read import find_time
 from daest.data.table import Table, column_unit, in_seconds, unit_findings
-from daest.errors import DaestError
 from daest.model.experiment import ColumnSummary, DataCheck, Experiment, Finding, Role
-from daest.model.flat import FlatModel, Model
 
 ANGLES = {"rad": 2.0 * np.pi, "deg": 360.0, "°": 360.0, "rev": 1.0}  # units of one turn
 
@@ -140,111 +135,3 @@ def _pairs(time: np.ndarray, columns: Sequence[_Column]) -> list[Finding]:
         if np.all(np.isfinite(c.values)) and not np.any(absurd(c.values))
     ]
     return pair_findings(series, period)
-
-
-MOST_PARAMETERS = 8
-LONGEST = 20_000  # samples of the recording that are simulated
-UNITS = {  # how many times as large the numbers of one unit are as those of another one
-    180.0 / np.pi: "degrees are beside radians",
-    30.0 / np.pi: "turns a minute are beside rad/s",
-    1e3: "one prefix of a unit is beside the next",
-    1e5: "pascals are beside bars",
-    1e6: "one prefix of a unit is beside the second next",
-}
-_MOVED = f"with its parameters up to {DATA.moved_parameter:g} times larger or smaller"
-
-
-def model_findings(flat: Model, experiment: Experiment) -> list[Finding]:
-    """What a model says of a recording: outputs that move against it, or the only input if all outputs do,
-    and outputs that move with it and are as many times as large as another unit would make them.
-
-    Nothing is said where the model cannot be simulated, or where it depends on the parameters.
-    """
-    part = _shortened(experiment)
-    seen: list[np.ndarray] = []
-    is_against = is_scaled = np.ones(len(part.output_names), dtype=bool)
-    try:
-        driven = _driven(flat)
-        for theta in _variants(flat):
-            correlations, ratios = here = _beside(driven, part, theta)
-            seen.append(here)
-            is_against = is_against & (correlations < -DATA.upside_down)  # not where it is NaN
-            is_far = np.abs(np.log(ratios)) > np.log(DATA.other_scale)
-            is_scaled = is_scaled & (correlations > DATA.upside_down) & is_far
-            if not np.any(is_against | is_scaled):
-                return []  # whatever the other parameter values give
-    except DaestError:
-        return []
-    known = np.isfinite(np.stack(seen)[:, 0]).all(axis=0)
-    return [*_against(part, is_against, int(known.sum())), *_scaled(part, is_scaled, seen[0][1])]
-
-
-def _against(part: Experiment, is_against: np.ndarray, n_measured: int) -> list[Finding]:
-    against = [name for name, found in zip(part.output_names, is_against, strict=True) if found]
-    if len(against) == n_measured and len(against) > 1 and len(part.input_names) == 1:
-        text = f"drives all {n_measured} outputs the other way than the model: probably its polarity"
-        return [Finding("check-polarity", "warning", part.input_names[0], text)]
-    text = f"moves against the model, {_MOVED}"
-    return [Finding("check-polarity", "warning", name, text) for name in against]
-
-
-def _scaled(part: Experiment, is_scaled: np.ndarray, ratios: np.ndarray) -> Iterator[Finding]:
-    for name, found, ratio in zip(part.output_names, is_scaled, ratios, strict=True):
-        size = max(ratio, 1.0 / ratio) if found else np.nan
-        unit = next((u for f, u in UNITS.items() if abs(np.log(size / f)) < np.log(DATA.same_scale)), None)
-        if unit is not None:
-            times = f"{size:.3g} times as {'large' if ratio > 1.0 else 'small'}"
-            yield Finding("check-scale", "warning", name, f"is {times} as in the model, {_MOVED}, as {unit}")
-
-
-def _shortened(experiment: Experiment) -> Experiment:
-    n = min(experiment.n_samples, LONGEST)
-    return replace(
-        experiment,
-        time=experiment.time[:n],
-        inputs=experiment.inputs[:n],
-        outputs=experiment.outputs[:n],
-        extra={},
-    )
-
-
-def _variants(flat: Model) -> Iterator[np.ndarray]:
-    """The parameter values of the model, then with each unknown one larger and smaller."""
-    theta = flat.theta_values
-    yield theta
-    unknown = [i for i, p in enumerate(flat.parameters) if p.estimate][:MOST_PARAMETERS]
-    for i in unknown:
-        for factor in (DATA.moved_parameter, 1.0 / DATA.moved_parameter):
-            changed = theta.copy()
-            changed[i] *= factor
-            yield changed
-
-
-def _driven(flat: Model) -> Any:
-    """The model in the form by which it is driven, made once; with events the start decides on it."""
-    from daest.systems.reduce import dynamics
-
-    return flat if isinstance(flat, FlatModel) and flat.events is not None else dynamics(flat)
-
-
-def _beside(driven: Any, experiment: Experiment, theta: np.ndarray) -> np.ndarray:
-    """Correlation of every measured output with the simulated one, and how many times as large it is,
-    (2, n_y); NaN where one of them stands still."""
-    from daest.systems.simulate import simulate
-
-    simulated = simulate(driven, experiment, theta=theta).outputs
-    pairs = zip(experiment.outputs.T, simulated.T, strict=True)
-    return np.array([_correlation(experiment.time, *pair) for pair in pairs]).T
-
-
-def _correlation(time: np.ndarray, measured: np.ndarray, simulated: np.ndarray) -> tuple[float, float]:
-    """Correlation and ratio of the sizes, without a trend: where both drift, they do so for other reasons."""
-    known = np.isfinite(measured) & np.isfinite(simulated)
-    if known.sum() < 3:
-        return np.nan, np.nan
-    basis = np.vander(time[known] - time[0], 2)
-    rest = [v - basis @ np.linalg.lstsq(basis, v, rcond=None)[0] for v in (measured[known], simulated[known])]
-    sizes = [float(np.linalg.norm(v)) for v in rest]
-    if not min(sizes) > 0:
-        return np.nan, np.nan
-    return float(rest[0] @ rest[1] / (sizes[0] * sizes[1])), sizes[0] / sizes[1]

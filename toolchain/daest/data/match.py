@@ -184,7 +184,7 @@ def unitless_findings(table: Table, signals: Sequence[Signal]) -> list[Finding]:
     as they stand."""
     findings = []
     for signal in signals:
-        column = table.find(signal.column or signal.name)
+        column = table.find(signal.header)
         unit = column_unit(column) if column is not None else ""
         if column is not None and unit not in ("", "1") and not signal.unit:
             text = (

@@ -39,11 +39,21 @@ _TEXTS_SHOWN = 3  # of one column; the rest is counted
 @dataclass(frozen=True)
 class Signal:
     """A model signal looked for in data: its model name, its unit there ("" is unknown), and the column that
-    holds it (None: the column of the same name, which an output may lack)."""
+    holds it (None: the column of the same name, which an output may lack). A minus before the column turns
+    its sign: `-torque` of a sensor that is mounted the other way."""
 
     name: str
     unit: str = ""
     column: str | None = None
+
+    @property
+    def header(self) -> str:
+        """The column that is looked for."""
+        return self.name if self.column is None else self.column.removeprefix("-").lstrip()
+
+    @property
+    def sign(self) -> float:
+        return -1.0 if self.column is not None and self.column.startswith("-") else 1.0
 
 
 def read_experiments(
@@ -77,7 +87,7 @@ def read_experiments(
     preparation = preparation or Preparation()
     part = Part(None, preparation.start, preparation.stop, time, units or {})
     if not others:
-        part = replace(part, names=tuple(signal.column or signal.name for signal in (*inputs, *outputs)))
+        part = replace(part, names=tuple(signal.header for signal in (*inputs, *outputs)))
     experiments = [
         _matched(
             with_units(table, units or {}),
@@ -355,7 +365,7 @@ def match_all(
 def _match(
     table: Table, signal: Signal, kind: str, matched: dict[str, Column], problems: list[DataError]
 ) -> None:
-    wanted = signal.column if signal.column is not None else signal.name
+    wanted = signal.header
     column = table.find(wanted)
     if column is None:
         problems.append(_unknown_column(table, signal, kind, wanted))
@@ -454,12 +464,14 @@ def _values(
                 remedy="leave the cell empty if the value is missing",
             )
         )
+    if signal.sign < 0.0:
+        notes.append(f"{signal.name}: column '{column.header}' with its sign turned")
     if column.unit is None or not signal.unit:
-        return column.values
+        return signal.sign * column.values
     change = conversion(column.unit, signal.unit)
     if not change.is_identity:
         notes.append(f"{signal.name}: column '{column.header}' converted to {signal.unit}")
-    return change(column.values)
+    return signal.sign * change(column.values)
 
 
 def _check_gaps(

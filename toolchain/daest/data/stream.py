@@ -140,9 +140,9 @@ def line_format(
 
 def _cell(column: Column, signal: Signal, keys: Mapping[int, Any], unit: str | None = None) -> _Cell:
     given = unit or column.unit
-    change = conversion(given, signal.unit) if given is not None and signal.unit else None
-    is_same = change is None or change.is_identity
-    return _Cell(keys[id(column)], signal.name, None if is_same else change)
+    change = conversion(given, signal.unit) if given is not None and signal.unit else Conversion()
+    change = Conversion(signal.sign * change.scale, signal.sign * change.offset)
+    return _Cell(keys[id(column)], signal.name, None if change.is_identity else change)
 
 
 def _cells(line: str, separator: str, source: str, number: int) -> list[str]:

@@ -16,6 +16,7 @@ from dataclasses import replace
 
 from daest.diagnosis.black_box import diagnose_black_box
 from daest.diagnosis.chosen import chosen_candidates
+from daest.diagnosis.contradicted import contradicted
 from daest.diagnosis.examine import examine
 from daest.diagnosis.held_back import lag_instead, lags_in_the_way, told_beside, with_lag
 from daest.diagnosis.holds import (
@@ -60,6 +61,9 @@ def diagnose(
     `diagnose-too-short`, `diagnose-no-place`, `diagnose-no-candidate`, and what identification raises.
     """
     options = (options or DiagnoseOptions()).begun()
+    to_mend = contradicted(flat, *halved(experiments, validation), options.hold)
+    if to_mend is not None:
+        return to_mend
     if isinstance(flat, BinaryModel):
         return diagnose_black_box(flat, library, *halved(experiments, validation), options, progress)
     flat = with_equations(flat, "a diagnosis from inside")

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daest.diagnosis.candidates import fed
+from daest.diagnosis.contradicted import contradicted
 from daest.diagnosis.diagnose import switching_case
 from daest.diagnosis.examine import examine
 from daest.diagnosis.gates import GATES
@@ -26,7 +27,7 @@ from daest.diagnosis.reasons import not_determined
 from daest.diagnosis.rounds import accept, gains_beside, proved_again, proved_beside, with_kinks
 from daest.diagnosis.screen import promising_pairs
 from daest.diagnosis.settled import FAILURES
-from daest.diagnosis.stand import Stand, begin, held_told, limit_told, limited
+from daest.diagnosis.stand import Stand, begin, halved, held_told, limit_told, limited
 from daest.diagnosis.switching import diagnose_switching
 from daest.diagnosis.trials import SHARPER, Trial
 from daest.diagnosis.unseen import is_better, is_likelier, is_worse
@@ -103,6 +104,10 @@ def improve(
     """Add effects one by one. Every round goes into the ledger, also the last one, which adds nothing. To a
     model with events the best effect of each round is added, judged by the whole simulation."""
     options = (options or DiagnoseOptions()).begun()
+    to_mend = contradicted(flat, *halved(experiments, validation), options.hold)
+    if to_mend is not None:
+        step = Step(None, to_mend.baseline, None, "the model as it is")
+        return Improvement((step,), to_mend, to_mend.message, to_mend.baseline.hold)
     if flat.events is not None:
         case = switching_case(flat, library, experiments, validation, options)
         return _improved_switching(_Rounds(*case, options, progress), most_effects)

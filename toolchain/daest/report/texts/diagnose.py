@@ -28,8 +28,9 @@ def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
         yield heading("Candidates, refitted (rms errors of the simulation on validation data)")
         yield from candidates(document)
         yield from remark(document)
-    yield heading(f"Screen: {document['screen']['n_screened']} candidates")
-    yield from _screen(document["screen"])
+    if document["screen"]["n_screened"]:
+        yield heading(f"Screen: {document['screen']['n_screened']} candidates")
+        yield from _screen(document["screen"])
     loaded = [p for p in document["places"] if (p["log_likelihood_gain"] or 0.0) > LEAST_GAIN]
     if loaded:
         yield heading("Where an unexplained load would act")

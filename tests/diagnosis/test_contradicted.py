@@ -1,0 +1,69 @@
+"""Recordings that contradict the model whatever it lacks: turned signals, and other units."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oscillator import OSCILLATOR, record
+
+from daest.data.contradictions import contradictions
+from daest.diagnosis.contradicted import contradicted
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.improve import improve
+from daest.modelica.compile import compile_text
+
+Y, V = 0, 1
+
+
+@pytest.fixture(scope="module")
+def case():
+    flat = compile_text(OSCILLATOR.format(extra="").encode(), Path("Oscillator.mo"))
+    stiff = tuple(replace(p, estimate=p.estimate and p.name != "b") for p in flat.parameters)
+    return replace(flat, parameters=stiff), record(flat, 600, 1)
+
+
+def times(experiment, column, factor):
+    outputs = experiment.outputs.copy()
+    outputs[:, column] *= factor
+    return replace(experiment, outputs=outputs)
+
+
+def against(experiment):
+    return replace(experiment, inputs=-experiment.inputs)
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "signal", "how"),
+    [
+        (lambda e: times(e, V, -1.0), "v", "Turn the sign of v"),
+        (against, "u", "Turn the sign of u"),
+        (lambda e: times(e, Y, 180.0 / np.pi), "y", "Give the unit of y"),
+    ],
+)
+def test_what_is_to_be_mended_is_told_and_nothing_is_claimed(case, spoilt, signal, how):
+    flat, experiment = case
+    found = diagnose(flat, (), [spoilt(experiment)])
+    assert found.verdict == "cannot tell" and not found.proofs
+    assert found.message.startswith(f"The recording contradicts the model: {signal} ")
+    assert how in found.next_experiment
+    rounds = improve(flat, (), [spoilt(experiment)])
+    assert len(rounds.steps) == 1 and rounds.reason == found.message
+    assert rounds.last.next_experiment == found.next_experiment
+
+
+def test_a_recording_that_contradicts_nothing_is_looked_into(case):
+    flat, experiment = case
+    assert contradictions(flat, experiment) == []
+    assert contradicted(flat, [experiment], [experiment], None) is None
+
+
+def test_what_the_mended_recording_does_not_show_is_no_contradiction(case):
+    """Noise that moves against the model a little better than with it."""
+    flat, experiment = case
+    rng = np.random.default_rng(2)
+    spoilt = times(experiment, V, -1.0)
+    size = 1.2 * np.std(spoilt.outputs[:, V])
+    spoilt = replace(spoilt, outputs=spoilt.outputs + np.outer(rng.normal(size=600), [0.0, size]))
+    assert [one.signal for one in contradictions(flat, spoilt)] == ["v"]
+    assert contradicted(flat, [spoilt], [spoilt], None) is None

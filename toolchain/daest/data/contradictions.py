@@ -1,0 +1,163 @@
+"""Where a recording contradicts a model whatever its parameters are: a signal that moves the other way, or is
+as many times as large as another unit would make it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from daest.data.limits import DATA
+from daest.errors import DaestError
+from daest.model.experiment import Experiment, Finding
+from daest.model.flat import FlatModel, Model
+
+MOST_PARAMETERS = 8
+LONGEST = 20_000  # samples of the recording that are simulated
+UNITS = {  # how many times as large the numbers of one unit are as those of another one
+    180.0 / np.pi: "degrees are beside radians",
+    30.0 / np.pi: "turns a minute are beside rad/s",
+    1e3: "one prefix of a unit is beside the next",
+    1e5: "pascals are beside bars",
+    1e6: "one prefix of a unit is beside the second next",
+}
+MOVED = f"with its parameters up to {DATA.moved_parameter:g} times larger or smaller"
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """What the recorded `signal`, an input or output, is to be multiplied by so that it is as the model has
+    it, and in `text` how it contradicts the model."""
+
+    signal: str
+    factor: float
+    text: str
+
+    @property
+    def is_turned(self) -> bool:
+        return self.factor < 0.0
+
+    def mended(self, experiment: Experiment) -> Experiment:
+        """The experiment as it would be without."""
+        inputs, outputs = (
+            values * np.where([name == self.signal for name in names], self.factor, 1.0)
+            for values, names in (
+                (experiment.inputs, experiment.input_names),
+                (experiment.outputs, experiment.output_names),
+            )
+        )
+        return replace(experiment, inputs=inputs, outputs=outputs)
+
+
+def model_findings(flat: Model, experiment: Experiment) -> list[Finding]:
+    """What a model says of a recording: its `contradictions` as findings."""
+    return [
+        Finding("check-polarity" if one.is_turned else "check-scale", "warning", one.signal, one.text)
+        for one in contradictions(flat, experiment)
+    ]
+
+
+def contradictions(flat: Model, experiment: Experiment) -> list[Contradiction]:
+    """Outputs that move against the model, or the only input if all outputs do, and outputs that move with it
+    and are as many times as large as another unit would make them.
+
+    There are none where the model cannot be simulated, or where it depends on the parameters.
+    """
+    part = _shortened(experiment)
+    seen: list[np.ndarray] = []
+    is_against = is_scaled = np.ones(len(part.output_names), dtype=bool)
+    try:
+        driven = _driven(flat)
+        for theta in _variants(flat):
+            correlations, ratios = here = _beside(driven, part, theta)
+            seen.append(here)
+            is_against = is_against & (correlations < -DATA.upside_down)  # not where it is NaN
+            is_far = np.abs(np.log(ratios)) > np.log(DATA.other_scale)
+            is_scaled = is_scaled & (correlations > DATA.upside_down) & is_far
+            if not np.any(is_against | is_scaled):
+                return []  # whatever the other parameter values give
+    except DaestError:
+        return []
+    known = np.isfinite(np.stack(seen)[:, 0]).all(axis=0)
+    return [*_against(part, is_against, int(known.sum())), *_scaled(part, is_scaled, seen[0][1])]
+
+
+def all_mended(experiment: Experiment, found: Sequence[Contradiction]) -> Experiment:
+    """The experiment without any of the contradictions."""
+    for one in found:
+        experiment = one.mended(experiment)
+    return experiment
+
+
+def _against(part: Experiment, is_against: np.ndarray, n_measured: int) -> list[Contradiction]:
+    against = [name for name, found in zip(part.output_names, is_against, strict=True) if found]
+    if len(against) == n_measured and len(against) > 1 and len(part.input_names) == 1:
+        text = f"drives all {n_measured} outputs the other way than the model: probably its polarity"
+        return [Contradiction(part.input_names[0], -1.0, text)]
+    return [Contradiction(name, -1.0, f"moves against the model, {MOVED}") for name in against]
+
+
+def _scaled(part: Experiment, is_scaled: np.ndarray, ratios: np.ndarray) -> Iterator[Contradiction]:
+    for name, found, ratio in zip(part.output_names, is_scaled, ratios, strict=True):
+        size = max(ratio, 1.0 / ratio) if found else np.nan
+        unit = next((f for f in UNITS if abs(np.log(size / f)) < np.log(DATA.same_scale)), None)
+        if unit is not None:
+            times = f"{size:.3g} times as {'large' if ratio > 1.0 else 'small'}"
+            factor = 1.0 / unit if ratio > 1.0 else unit
+            yield Contradiction(name, factor, f"is {times} as in the model, {MOVED}, as {UNITS[unit]}")
+
+
+def _shortened(experiment: Experiment) -> Experiment:
+    n = min(experiment.n_samples, LONGEST)
+    return replace(
+        experiment,
+        time=experiment.time[:n],
+        inputs=experiment.inputs[:n],
+        outputs=experiment.outputs[:n],
+        extra={},
+    )
+
+
+def _variants(flat: Model) -> Iterator[np.ndarray]:
+    """The parameter values of the model, then with each unknown one larger and smaller."""
+    theta = flat.theta_values
+    yield theta
+    unknown = [i for i, p in enumerate(flat.parameters) if p.estimate][:MOST_PARAMETERS]
+    for i in unknown:
+        for factor in (DATA.moved_parameter, 1.0 / DATA.moved_parameter):
+            changed = theta.copy()
+            changed[i] *= factor
+            yield changed
+
+
+def _driven(flat: Model) -> Any:
+    """The model in the form by which it is driven, made once; with events the start decides on it."""
+    from daest.systems.reduce import dynamics
+
+    return flat if isinstance(flat, FlatModel) and flat.events is not None else dynamics(flat)
+
+
+def _beside(driven: Any, experiment: Experiment, theta: np.ndarray) -> np.ndarray:
+    """Correlation of every measured output with the simulated one, and how many times as large it is,
+    (2, n_y); NaN where one of them stands still."""
+    from daest.systems.simulate import simulate
+
+    simulated = simulate(driven, experiment, theta=theta).outputs
+    pairs = zip(experiment.outputs.T, simulated.T, strict=True)
+    return np.array([_correlation(experiment.time, *pair) for pair in pairs]).T
+
+
+def _correlation(time: np.ndarray, measured: np.ndarray, simulated: np.ndarray) -> tuple[float, float]:
+    """Correlation and ratio of the sizes, without a trend: where both drift, they do so for other reasons."""
+    known = np.isfinite(measured) & np.isfinite(simulated)
+    if known.sum() < 3:
+        return np.nan, np.nan
+    basis = np.vander(time[known] - time[0], 2)
+    rest = [v - basis @ np.linalg.lstsq(basis, v, rcond=None)[0] for v in (measured[known], simulated[known])]
+    sizes = [float(np.linalg.norm(v)) for v in rest]
+    if not min(sizes) > 0:
+        return np.nan, np.nan
+    return float(rest[0] @ rest[1] / (sizes[0] * sizes[1])), sizes[0] / sizes[1]
