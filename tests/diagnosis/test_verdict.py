@@ -12,7 +12,7 @@ from daest.diagnosis import verdict as verdict_module
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.coloured import Residual
 from daest.diagnosis.holds import says_as_much
-from daest.diagnosis.verdict import MOVING, RECORDED, Evidence, Loads, decide
+from daest.diagnosis.verdict import AT_ONCE, MOVING, RECORDED, Evidence, Loads, decide
 from daest.model.diagnosis import Ahead, FreeForm, Load, PlaceGain, Proof, Screen, Screened, Unproved
 from daest.model.fit import Agreement, FittedParameter
 from daest.modelica.sites import sites
@@ -279,6 +279,22 @@ def test_unseen_data_in_which_nothing_moves_confirm_no_law(inputs, outputs, name
     assert (found.proofs[0].reason == "the unseen data stand still and confirm no law") == (
         name != "supported"
     )
+
+
+@pytest.mark.parametrize(
+    ("earlier", "p_value", "name"),
+    [(20.0, 1e-6, "supported"), (60.0, 1e-6, "cannot tell"), (60.0, 0.5, "nothing missing")],
+)
+def test_what_says_no_more_than_inputs_that_act_before_they_are_recorded_is_no_law(earlier, p_value, name):
+    """The proof gains 95 by BIC for a parameter; earlier inputs take none."""
+    gain = 0.0 if name == "nothing missing" else 100.0
+    found = replace(evidence(proofs=[proof()], p_value=p_value, gain=gain), earlier=earlier)
+    decided = decide(found)
+    assert decided.name == name
+    is_told = name != "supported"
+    assert ("before they are recorded: no law comes before its cause" in decided.message) == is_told
+    assert (decided.next_experiment == AT_ONCE) == is_told
+    assert (decided.proofs[0].verdict == "rejected") == is_told
 
 
 def test_unrelated_load_is_external():

@@ -22,6 +22,7 @@ from daest.diagnosis.null import Null, grown, open_hold, with_other_hold
 from daest.diagnosis.open_loop import driven_share, open_screen
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.reasons import is_significant
+from daest.diagnosis.recorded_late import gain_of_earlier_inputs
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.diagnosis.stages import DynamicTasks, dynamic_effects
 from daest.diagnosis.stand import Stand, quiet
@@ -113,6 +114,8 @@ def _examined(
         unproved,
         validation=stand.validation,
     )
+    if proofs and not options.is_over:
+        evidence = replace(evidence, earlier=gain_of_earlier_inputs(null))
     decided = verdicts.decide(evidence)
     learned = None
     is_curve = decided.name == "unknown effect" and not decided.is_dynamic
