@@ -13,6 +13,7 @@ from daest.diagnosis.candidates import keeping_order
 from daest.diagnosis.chosen import chosen_candidates
 from daest.diagnosis.course import Course
 from daest.diagnosis.disturbance import place_gains, smoothed_load
+from daest.diagnosis.faulty import EMPTY, faults_told
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.learned import learned_load, said, with_formula
@@ -37,6 +38,8 @@ from daest.numerics.parallel import Workers, called, workers
 
 CURVE_TIMES = 20.0  # those of the fit of the model as it is, that a refit with a curve may take
 CURVE_SECONDS = 60.0  # and that it may take in any case
+TIME_UP = " The time was up before all of them were refitted."
+EXPLAINED = ("nothing missing", "parameters off", "supported")
 
 
 def examine(
@@ -132,9 +135,10 @@ def _examined(
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
     if decided.name not in ("supported", "nothing missing"):
         message += _said_of_inputs(null, stand.told)
+    faults = "" if decided.name in EXPLAINED else faults_told((*null.experiments, *stand.validation))
     return Diagnosis(
         verdict=decided.name,
-        message=message if is_whole else f"{message} The time was up before all of them were refitted.",
+        message=message + faults + ("" if is_whole else TIME_UP),
         baseline=stand.told,
         proofs=decided.proofs,
         unproved=unproved,
@@ -142,7 +146,7 @@ def _examined(
         places=gains,
         disturbance=form,
         validation=stand.told.simulated.get("validation"),
-        next_experiment=_next_experiment(stand, decided, options),
+        next_experiment=EMPTY if faults else _next_experiment(stand, decided, options),
         seconds=time.perf_counter() - stand.began,
         learned=learned if decided.name == "unknown effect" else None,
         is_held=not null.estimated,

@@ -1,0 +1,32 @@
+"""Faults of a recording are told where nothing was found that explains it."""
+
+import numpy as np
+
+from daest.diagnosis.faulty import faults_told
+from daest.model.experiment import Experiment
+
+TIME = 0.01 * np.arange(2000)
+
+
+def recording(held=None, column=0):
+    """A noisy signal; one column may hold its value in the samples `held`."""
+    rng = np.random.default_rng(0)
+    both = np.column_stack([np.sin(TIME), np.cos(TIME)]) + 0.01 * rng.normal(size=(2000, 2))
+    if held is not None:
+        both[held, column] = both[held.start, column]
+    return Experiment("run", TIME, both[:, :1], both[:, 1:], ("u",), ("y",))
+
+
+def test_a_sound_recording_has_no_faults():
+    assert faults_told([recording()]) == ""
+
+
+def test_a_sensor_that_stands_still_is_told_once():
+    stuck = recording(slice(500, 560), 1)
+    told = faults_told([stuck, stuck])
+    assert told.startswith(" It may be faults of the recording: y stands still at ")
+    assert told.count("stands still") == 1
+
+
+def test_a_command_that_keeps_its_value_is_no_fault():
+    assert faults_told([recording(slice(500, 560), 0)]) == ""

@@ -1,0 +1,24 @@
+"""What is known of a recording that may be all that its model does not match: sensors that stand still, drop
+out or jump."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from daest.data.check import check_experiment
+from daest.model.experiment import Experiment
+
+FAULTS = ("check-stuck", "check-dropouts", "check-outliers")
+EMPTY = "Leave the cells of these samples empty, as missing, and diagnose again."
+MOST_TOLD = 3
+
+
+def faults_told(experiments: Sequence[Experiment]) -> str:
+    """A sentence on the faults of outputs in the recordings; empty where there are none."""
+    names = {name for e in experiments for name in e.output_names}
+    found = [f for e in experiments for f in check_experiment(e).findings if f.code in FAULTS]
+    texts = list(dict.fromkeys(f.sentence for f in found if f.column in names))
+    if not texts:
+        return ""
+    more = f"; and {len(texts) - MOST_TOLD} more" if len(texts) > MOST_TOLD else ""
+    return f" It may be faults of the recording: {'; '.join(texts[:MOST_TOLD])}{more}."
