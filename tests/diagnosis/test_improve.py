@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from hidden_plants import library, model, prove, rubbing, some_effects
 
@@ -197,6 +198,14 @@ def test_effect_is_doubtful_once_no_size_of_it_is_certain():
     assert improving._doubtful([asis, first, after()]) == []
     assert improving._doubtful([asis, first, after(value=0.1, std_error=0.05)]) == [1]
     assert improving._doubtful([asis, first, after(std_error=None)]) == [1]
+    # A size is certain, too, where its ratio to a parameter is.
+    scale = next(p for p in proof.fit.parameters if not p.name.startswith(proof.candidate.name))
+    blurred = replace(scale, std_error=0.5 * scale.value)
+    both = (blurred, replace(scale, name=own, value=0.1, std_error=0.05))
+    names, together = (scale.name, own), np.full((2, 2), 0.9999)
+    beside = replace(proof.fit, parameters=both, correlation_names=names, correlation=together)
+    unknown = replace(asis, fit=replace(proof.fit, parameters=(blurred,)))
+    assert improving._doubtful([unknown, first, Step(None, beside, None, "")]) == []
     # What the recordings themselves show needs no size.
     assert improving._doubtful([asis, replace(first, diagnosis=None), after(std_error=None)]) == []
 

@@ -31,7 +31,7 @@ def contradicted(
     """What is to be mended in the recordings before anything can be said of missing effects; None where they
     do not contradict the model, or a simulation does not show that this is why it does not match."""
     began = time.perf_counter()
-    found = contradictions(flat, experiments[0])
+    found = contradictions(flat, experiments[0]) if experiments else []
     if not found:
         return None
     mended = [all_mended(e, found) for e in experiments]

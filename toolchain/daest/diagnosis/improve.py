@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daest.diagnosis.candidates import fed
+from daest.diagnosis.certainty import certainty_of
 from daest.diagnosis.contradicted import contradicted
 from daest.diagnosis.diagnose import switching_case
 from daest.diagnosis.examine import examine
@@ -516,7 +517,7 @@ def _doubtful(steps: Sequence[Step]) -> list[int]:
 
 
 def _uncertain(steps: Sequence[Step], fit: FitResult) -> list[int]:
-    """Steps whose effects have no size that is certain in the `fit`."""
+    """Steps whose effects have no size that is certain in the `fit`, alone or beside a parameter."""
     sizes = {p.name: p for p in fit.parameters}
     found = []
     for number, step in enumerate(steps):
@@ -524,11 +525,9 @@ def _uncertain(steps: Sequence[Step], fit: FitResult) -> list[int]:
             continue
         candidate = step.proof.candidate
         now = [(p, sizes.get(f"{candidate.name}.{p.name}")) for p in candidate.effect.sizes]
+        before = steps[number - 1].fit
         if all(
-            one is None
-            or one.std_error is None
-            or abs(one.value - (p.null or 0.0)) < GATES.still_needed * one.std_error
-            for p, one in now
+            one is None or certainty_of(candidate, fit, one, p, before) < GATES.still_needed for p, one in now
         ):
             found.append(number)
     return found
