@@ -218,10 +218,9 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
 
 def _without_sums(found: Screen, contained: set[str]) -> Screen:
     """The screen without effects that are another one here: sums of effects, all but one of which the model
-    contains or its parameters do, or which the recordings do not tell from one of them. Friction in one
-    direction is dry friction beside a constant load that is estimated, and on a wheel that turns in this
-    direction alone; no input would tell the former two apart. At a place that the sensors do not tell from
-    such a one it is the same."""
+    contains or its parameters do, or which the recordings do not tell from the first of them. Friction in
+    one direction is dry friction beside a constant load that is estimated, and on a wheel that turns in this
+    direction alone. At a place that the sensors do not tell from such a one it is the same."""
     done = contained | {entry.candidate.label for entry in found.entries if entry.absorbed}
     at = {entry.candidate.label: i for i, entry in enumerate(found.entries)}
     alike = np.abs(found.correlation) > GATES.same_place_correlation
@@ -237,10 +236,8 @@ def _without_sums(found: Screen, contained: set[str]) -> Screen:
                 for other, is_alike in zip(found.entries, alike[i], strict=True)
                 if is_alike and other.candidate.effect is effect
             }
-        elif same := [part for part in left if part in at and alike[i, at[part]]]:
-            others[entry.candidate.label] = (
-                f"these recordings do not tell it from {same[0]}, which is simpler"
-            )
+        elif parts and parts[0] in left and parts[0] in at and alike[i, at[parts[0]]]:
+            others[entry.candidate.label] = f"these recordings do not tell it from {parts[0]}"
     keep = [i for i, entry in enumerate(found.entries) if entry.candidate.label not in others]
     return replace(found.only(keep), skipped=(*found.skipped, *others.items()))
 
