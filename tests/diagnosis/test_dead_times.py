@@ -133,6 +133,19 @@ def test_what_is_zero_is_not_late(forces):
     assert late([moved, rest[1]]) == {*at_force, "Lag at speed", "Delay at speed"}
 
 
+@pytest.mark.parametrize("levels", [(4.0, 12.0), (4.0, 8.0, 12.0)])
+def test_two_levels_of_an_input_show_no_bend(levels):
+    """A line goes through two points, whatever the law; an offset is still told by a dead zone."""
+    places = sites(compile_text(DRIVEN_ROLL_OUT.encode(), Path("RollOut.mo")))
+    time, outputs = np.arange(50.0), np.ones((50, 1))
+    records = [Experiment("run", time, np.full((50, 1), f), outputs, ("f",), ("speed",)) for f in levels]
+    found = chosen_candidates(effect_library(), places, records, DiagnoseOptions())
+    at_force = {c.effect.name for c in found if c.site.name == "f" and c.site.kind == "input"}
+    assert {"Gain", "Offset", "DeadZone", "Lag"} <= at_force
+    bent = {"Saturation", "OneSidedLimit", "QuadraticGain"} & at_force
+    assert len(bent) == (0 if len(levels) == 2 else 3)
+
+
 @pytest.mark.parametrize("period", [0.01, 40.0])
 def test_what_swings_does_so_no_faster_than_samples_tell(period):
     """A search that loses its way else makes the period ever shorter."""

@@ -5,11 +5,16 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hidden_plants import PERIOD, quiet, rotor_null, rotor_record
+from hidden_plants import PERIOD, model, quiet, rotor_null, rotor_record, some_effects
 from scipy.stats import kstest
 
+from daest.diagnosis.candidates import pairs
 from daest.diagnosis.free_forms import free_forms, internal_variables
+from daest.diagnosis.null import fit_null
 from daest.diagnosis.screen import run_null
+from daest.diagnosis.stand import without_noises
+from daest.modelica.attach import attach
+from daest.modelica.sites import sites
 
 
 @cache
@@ -91,6 +96,15 @@ def test_search_can_be_restricted():
         "rotor.w",
         "u and the sign of rotor.w",
     }
+
+
+def test_what_a_delay_keeps_of_its_signal_is_no_variable():
+    record, _ = rotor_record(100, seed=1)
+    (late, *_) = pairs(some_effects("Delay"), [s for s in sites(model()) if s.name == "u"])
+    flat = attach(model(), late.effect, late.site, "late")
+    null = fit_null(without_noises(flat), [s for s in sites(flat) if s.kind == "node"], (record,), "zoh")
+    assert any("memory" in name for name in null.explicit.flat.unknown_names)
+    assert not any("memory" in name for name in internal_variables(null, run_null(null)))
 
 
 def test_variables_do_not_contain_the_load():

@@ -263,6 +263,14 @@ def test_friction_in_one_direction_is_dry_friction_beside_a_constant_load(how):
     assert any("the same as CoulombFriction" in reason for _, reason in kept.skipped)
 
 
+def test_friction_in_the_one_direction_in_which_a_rotor_turns_is_dry_friction():
+    record, _ = rotor_record(400, seed=3, drive=lambda u: abs(u) + 0.5, coulomb=lambda phi: 0.1)
+    null, run = rotor_null(replace(record, inputs=np.abs(record.inputs) + 0.5))
+    found = screen(null, run, candidates("CoulombFriction", "AsymmetricFriction"))
+    assert {e.candidate.effect.name for e in found.entries} == {"CoulombFriction"}
+    assert any("AsymmetricFriction" in label and "do not tell" in reason for label, reason in found.skipped)
+
+
 def test_effects_with_states_alone_leave_the_screen_empty():
     null, run = quiet()
     found = screen(null, run, candidates("Lag"))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from daest.diagnosis.candidates import scaled_shapes
 from daest.diagnosis.gates import GATES
 from daest.model.diagnosis import Candidate
 from daest.model.effects import EffectParameter
@@ -86,6 +87,12 @@ def _product(own: FittedParameter, scale: FittedParameter, spread: float, power:
 def is_bend(declared: EffectParameter) -> bool:
     """Whether a size bends a signal: it counts by its product with a gain."""
     return declared.signal_unit == "1/u"
+
+
+def bends(candidate: Candidate) -> bool:
+    """Whether a law is a bend of its signal: at a place along it, or everywhere. A dead zone is not, whose
+    one side is an offset."""
+    return bool(scaled_shapes(candidate)) or any(is_bend(p) for p in candidate.effect.sizes)
 
 
 def _beside_scales(

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from daest.diagnosis.candidates import pairs
+from daest.diagnosis.certainty import bends
 from daest.diagnosis.dead_times import DELAY
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions
@@ -28,25 +29,33 @@ def chosen_candidates(
 ) -> tuple[Candidate, ...]:
     """The effects of the library at the places where they fit, those that `options` name, under names that
     are not `taken`. No dead time of the one output of a model whose inputs keep their levels: what runs by
-    itself is as late where it began elsewhere. Nothing with states of its own at an input that is zero."""
+    itself is as late where it began elsewhere. Nothing with states of its own at an input that is zero, and
+    no bend at one that takes no more than two values: between them any law is a gain with an offset."""
     library = [_within_samples(effect, experiments) for effect in library]
     columns = [name for name in experiments[0].extra if _is_new_signal(name, experiments)]
     whole = pairs(library, places, columns, taken)
     none = {
         name for name in experiments[0].input_names if not any(np.any(e.input(name)) for e in experiments)
     }
+    two = {name for name in experiments[0].input_names if _n_values(experiments, name) <= 2}
     moves = not all(is_constant(u) for e in experiments for u in e.inputs.T)
     runs_by_itself = not moves and len(experiments[0].output_names) == 1
     return tuple(
         c
         for c in whole
         if not (runs_by_itself and c.effect.class_name == DELAY and c.site.kind == "output")
-        and not (c.is_dynamic and c.site.kind == "input" and c.site.name in none)
+        and not (c.site.kind == "input" and c.is_dynamic and c.site.name in none)
+        and not (c.site.kind == "input" and c.site.name in two and bends(c))
         and (
             not options.effects or c.effect.name in options.effects or c.effect.class_name in options.effects
         )
         and (not options.places or {c.site.name, *c.site.aliases} & set(options.places))
     )
+
+
+def _n_values(experiments: Sequence[Experiment], name: str) -> int:
+    """How many values an input takes in all recordings."""
+    return len(np.unique(np.concatenate([e.input(name) for e in experiments])))
 
 
 def _within_samples(effect: Effect, experiments: Sequence[Experiment]) -> Effect:

@@ -28,6 +28,7 @@ from daest.diagnosis.trial import variables_along
 from daest.model.diagnosis import FreeForm
 from daest.model.experiment import Experiment
 from daest.model.holds import interval_ends
+from daest.modelica.delays import is_memory_of_delay
 from daest.numerics.statistics import chi2
 
 KNOTS = 8  # of a curve, with equally many samples between each two
@@ -253,7 +254,8 @@ def internal_variables(
     null: Null, run: NullObserver, experiment: int = 0, named: Sequence[str] = ()
 ) -> dict[str, np.ndarray]:
     """Every distinct internal variable along the filtered trajectory, by name (n_samples,), as the model
-    without the loads has it: a variable that contains the load would explain the load."""
+    without the loads has it: a variable that contains the load would explain the load. What a delay keeps of
+    its signal is no quantity that anybody could record, and stands for none."""
     explicit = null.explicit
     one = null.experiments[experiment]
     values = _variables_at(null, one, run.observed[experiment].filtered, one.inputs)
@@ -267,7 +269,9 @@ def internal_variables(
         key=lambda pair: (pair[0].name not in named, pair[0].name not in own, pair[0].is_flow),
     )
     for variable, row in in_order:
-        if variable.name in loads or not np.all(np.isfinite(row)) or np.ptp(row) == 0.0:
+        if variable.name in loads or is_memory_of_delay(variable.name):
+            continue
+        if not np.all(np.isfinite(row)) or np.ptp(row) == 0.0:
             continue
         shape = _normalised(row)
         if variable.name in named or all(abs(shape @ other) < 1.0 - GATES.same_course for other in seen):

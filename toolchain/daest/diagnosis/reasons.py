@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daest.diagnosis.candidates import scaled_by, scaled_shapes
-from daest.diagnosis.certainty import KnownProduct, certainty_of, is_bend, known_products
+from daest.diagnosis.certainty import KnownProduct, bends, certainty_of, known_products
 from daest.diagnosis.free_forms import covers
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown
@@ -209,8 +209,7 @@ def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why a law that bends a signal at places along it, or everywhere, is not what its name says, where the
     recordings show it straight: a gain with an offset, which other parameters may be, too. Empty where it
     bends. Of a dead zone from whose one side alone the recordings are, the offset is the width: it stays."""
-    shows = bool(scaled_shapes(candidate)) or any(is_bend(p) for p in candidate.effect.sizes)
-    bend = _bend(model, candidate, told) if shows else None
+    bend = _bend(model, candidate, told) if bends(candidate) else None
     if bend is None or bend.rest >= GATES.absorbed_share * bend.size:
         return ""
     return (

@@ -12,6 +12,7 @@ equations like any other, for matrices, filters and fits too, and T can be estim
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -28,6 +29,13 @@ from daest.modelica.text import text
 N_POLYNOMIALS = 10  # a sine is delayed to 2e-7 of its size at omega*T = 7, to 1e-4 at 10, to 1e-2 at 13
 
 UNGIVEN = s.Constant(0)  # the longest time where a call gives none
+
+_MEMORY = re.compile(r"(^|\.)delay_\d+_memory\[\d+\]$")
+
+
+def is_memory_of_delay(name: str) -> bool:
+    """Whether a variable is a coefficient of a polynomial of `without_delays`: no quantity of the machine."""
+    return _MEMORY.search(name) is not None
 
 
 def without_delays(source: s.FlatSource) -> s.FlatSource:
