@@ -25,7 +25,7 @@ MECHANICAL = frozenset(
         *("CoulombFriction", "ViscousFriction", "StribeckFriction", "AsymmetricFriction", "LuGreFriction"),
         *("LoadDependentFriction", "QuadraticDrag", "ConstantLoad", "AsymmetricDamper"),
         *("HardeningSpring", "HystereticSpring", "Backlash", "ExtraCompliance", "EndStop"),
-        *("FlexibleAppendage", "CubicSpring"),
+        *("FlexibleAppendage", "CubicSpring", "ReturnSpring"),
     )
 )
 EXPECTED = {

@@ -56,6 +56,7 @@ MECHANICAL: dict[str, Law] = {
     "LearnedSpring": lambda v: -curve(v["phi"] / v["phi_max"], knots(v, "y")),
     "HardeningSpring": lambda v: v["c3"] * v["phi_rel"] ** 3,
     "CubicSpring": lambda v: -v["c3"] * (v["phi"] - v.get("phi_0", v.get("s_0"))) ** 3,
+    "ReturnSpring": lambda v: -v["c"] * (v["phi"] - v.get("phi_0", v.get("s_0"))),
     "FlexibleAppendage": lambda v: (
         v.get("J", v.get("m", 0.0))
         * ((2 * np.pi / v["T"]) ** 2 * v["z"] + 4 * np.pi * v["zeta"] / v["T"] * v["r"])
