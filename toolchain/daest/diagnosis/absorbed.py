@@ -61,7 +61,7 @@ def _slopes(explicit: ExplicitModel, names: Sequence[str], is_load: Sequence[int
     theta, t, w = ca.SX.sym("theta", n_theta), ca.SX.sym("t"), ca.SX.zeros(n_w)
     physical = [i for i in range(n_x) if i not in is_load]
     law = ca.vertcat(explicit.rhs(x, u, v, w, theta, t)[physical], explicit.outputs(x, u, v, w, theta, t))
-    over_theta = ca.jacobian(law, theta)[:, [known[name] for name in names]]
+    over_theta = ca.jacobian(law, ca.vertcat(ca.SX(0, 1), *(theta[known[name]] for name in names)))
     over_loads = ca.jacobian(law, x)[:, list(is_load)] @ ca.diag(x[list(is_load)])
     return ca.Function("slopes", [x, u, v, theta, t], [ca.densify(ca.horzcat(over_theta, over_loads))])
 
