@@ -209,4 +209,5 @@ def _slopes_along(
     theta = np.tile(explicit.flat.theta_values[:, None], (1, n_samples))
     rows = slopes.map(n_samples)(states.T, ubar, theta, experiment.time)
     C = np.array(rows).reshape(-1, n_samples, n).transpose(1, 0, 2)
-    return C[:1] if np.all(C == C[:1]) else C
+    is_constant = np.array_equal(C, np.broadcast_to(C[:1], C.shape))
+    return C[:1] if is_constant else C

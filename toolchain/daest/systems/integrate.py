@@ -67,8 +67,9 @@ SEARCH_STEPS, SEARCH_STEPS_PER_SAMPLE = 20_000, 50
 ALL_STEPS = 2_000_000_000  # of a simulation, which stops where its end is out of reach
 MOST_COMPILED = 32  # integrators that are kept for models with the same functions
 INTERPRETED_STEPS = 4  # per sample interval, without a C compiler
-# Of the integrator: its parts as functions of their own run as fast, compiled in three fifths of the time; without
-# what a compiler joins and orders inside of them, they run 3 % faster, compiled in five sixths of that.
+# Of the integrator: its parts as functions of their own run as fast, compiled in three fifths of the time;
+# without what a compiler joins and orders inside of them, they run 3 % faster, compiled in five sixths of
+# that.
 APART = (
     "-fno-inline-functions-called-once",
     "-fno-tree-slp-vectorize",
