@@ -5,6 +5,7 @@ import pytest
 
 from daest.diagnosis.absorbed import rescaling_sizes
 from daest.diagnosis.candidates import explicit_at_null, pairs
+from daest.diagnosis.size_slopes import sizes_of
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import find_effect
 from daest.modelica.sites import sites
@@ -48,5 +49,7 @@ def test_what_parameters_and_loads_do(tmp_path, effect, place, estimated, loads,
     rng = np.random.default_rng(1)
     states = rng.normal(size=(50, explicit.n_states))
     inputs, derivatives = rng.normal(size=(50, 1)), np.zeros((50, explicit.rhs.numel_in(2)))
-    found = rescaling_sizes(explicit, sizes, estimated, loads, states, inputs, derivatives)
+    found = rescaling_sizes(
+        explicit, sizes_of(explicit, sizes), estimated, loads, states, inputs, derivatives
+    )
     assert found.tolist() == [is_absorbed] * len(sizes)

@@ -23,13 +23,15 @@ from hidden_plants import (
 from scipy.stats import kstest, norm
 
 from daest.diagnosis import candidates as candidates_module
-from daest.diagnosis.candidates import attachable, attached, pairs, with_shapes
+from daest.diagnosis.candidates import attachable, attached, in_shapes, pairs, with_shapes
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import loads_of
 from daest.diagnosis.screen import (
     DRAWS,
     TAIL,
     _followed,
+    _in_one_model,
+    _in_own_components,
     _p_value,
     _responses,
     _without_sums,
@@ -41,6 +43,7 @@ from daest.diagnosis.screen import (
     screen,
     size_names,
 )
+from daest.diagnosis.size_slopes import sizes_of
 from daest.errors import EstimationError, ModelError
 from daest.model.diagnosis import Screen, Screened
 from daest.modelica.attach import attach
@@ -129,6 +132,20 @@ def test_coulomb_friction_comes_first():
     assert found.n_screened > 50
 
 
+def test_all_shapes_in_one_model_do_what_components_of_their_own_do():
+    null, run = quiet()
+    one, filtered = null.experiments[0], run.observed[0].filtered
+    states = dict(zip(run.state_names, filtered.T, strict=True))
+    usable, _, explicit = attachable(null.flat, candidates("Unbalance", "StribeckFriction", "Gain"))
+    shaped = in_shapes(null.flat, usable, explicit, one.time, states, one.inputs)
+    shown = [(c, shape) for c, shapes in zip(usable, shaped, strict=True) for shape in shapes]
+    assert len(shown) > len(usable)
+    together = _in_one_model(null, run, explicit, shown)
+    apart = _in_own_components(null, run, [shape for _, shape in shown])
+    assert together.candidates == apart.candidates
+    assert together.responses == pytest.approx(apart.responses, rel=1e-9, abs=1e-9)
+
+
 def test_responses_are_derivatives_of_the_predictor():
     """Against finite differences of the predictor with the effect at a small size, gain held."""
     null, run = quiet()
@@ -141,7 +158,8 @@ def test_responses_are_derivatives_of_the_predictor():
     )
     chosen = {c.label: c for c in shaped if c.effect.name != "Unbalance" or c.shape["phi_0"] == 0.0}
     usable, _, explicit = attachable(null.flat, tuple(chosen.values()))
-    responses = _responses(null, run, explicit, usable)
+    names = [name for c in usable for name in size_names(c)]
+    responses = _responses(null, run, explicit, sizes_of(explicit, names))
     ends = np.cumsum([0, *(len(c.effect.sizes) for c in usable)])
     rows = [slice(begin, end) for begin, end in pairwise(ends.tolist())]
     one = null.experiments[0]

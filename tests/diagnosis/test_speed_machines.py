@@ -9,7 +9,8 @@ from hidden_plants import model, rotor_record, some_effects
 from daest.diagnosis.candidates import attachable, pairs, with_shapes
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.null import fit_null
-from daest.diagnosis.screen import _responses, run_null
+from daest.diagnosis.screen import _responses, run_null, size_names
+from daest.diagnosis.size_slopes import sizes_of
 from daest.modelica.sites import sites
 
 NAMES = ("SpeedRotor", "SpeedMachine")
@@ -40,7 +41,8 @@ def test_responses_to_angles_are_the_same_in_equations_and_from_components():
         chosen = [c for c in shaped if c.site.name == place]
         usable, refused, explicit = attachable(null.flat, chosen)
         assert not refused
-        responses = _responses(null, run, explicit, usable)
+        names = [name for c in usable for name in size_names(c)]
+        responses = _responses(null, run, explicit, sizes_of(explicit, names))
         found.append(
             {
                 (c.effect.name, round(c.shape.get("phi_0", 0.0), 6)): r

@@ -29,7 +29,7 @@ def matrix_with_radius(rng, n, radius):
 @pytest.fixture(params=[True, False], ids=["compiled", "in blocks"])
 def engine(request, monkeypatch):
     if not request.param:
-        monkeypatch.setattr(recursions, "_library", lambda: None)
+        monkeypatch.setattr(recursions, "_library", lambda _: None)
 
 
 @pytest.mark.parametrize("radius", [0.3, 0.99, 1.0, 1.02])

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.size_slopes import Sizes, sizes_of, slopes_over
 from daest.model.flat import ExplicitModel
 
 _SEED = 20040101
@@ -16,14 +17,14 @@ _SEED = 20040101
 
 def rescaling_sizes(
     explicit: ExplicitModel,
-    sizes: Sequence[str],
+    sizes: Sizes,
     estimated: Sequence[str],
     loads: Sequence[str],
     states: np.ndarray,
     inputs: np.ndarray,
     derivatives: np.ndarray,
 ) -> np.ndarray:
-    """Which `sizes` (k,) of effects, by name, change the equations as constant changes of the `estimated`
+    """Which `sizes` (k,) of effects change the equations as constant changes of the `estimated`
     parameters and a scale of the `loads` do together: a gain at the input of a motor is the inverse of its
     inertia, friction and weight.
 
@@ -32,19 +33,20 @@ def rescaling_sizes(
     about there as tell all directions apart."""
     is_load = [i for i, name in enumerate(explicit.state_names) if name in loads]
     n_directions = len(estimated) + len(is_load)
-    if not sizes or not n_directions:
-        return np.zeros(len(sizes), dtype=bool)
-    slopes = _slopes(explicit, [*sizes, *estimated], is_load)
+    n_sizes = len(sizes.names)
+    if not n_sizes or not n_directions:
+        return np.zeros(n_sizes, dtype=bool)
+    slopes = _slopes(explicit, sizes, estimated, is_load)
     rng = np.random.default_rng(_SEED)
     tables = []
     for at in rng.integers(len(states), size=4 * (n_directions + 1)):
         x, u, v = (
             values[at] * rng.uniform(0.5, 1.5, values.shape[1]) for values in (states, inputs, derivatives)
         )
-        tables.append(np.array(slopes(x, u, v, explicit.flat.theta_values, rng.uniform())))
+        tables.append(np.array(slopes(x, u, v, rng.uniform())))
     whole = np.concatenate(tables)
     whole = whole[np.all(np.isfinite(whole), axis=1)]
-    made, known = whole[:, : len(sizes)], whole[:, len(sizes) :]
+    made, known = whole[:, :n_sizes], whole[:, n_sizes:]
     norms = np.linalg.norm(known, axis=0)
     basis = _basis(known[:, norms > 0.0] / norms[norms > 0.0])
     left = np.linalg.norm(made - basis @ (basis.T @ made), axis=0)
@@ -52,18 +54,20 @@ def rescaling_sizes(
     return (before > 0.0) & (left < GATES.same_slopes * before)
 
 
-def _slopes(explicit: ExplicitModel, names: Sequence[str], is_load: Sequence[int]) -> ca.Function:
-    """(x, u, v, theta, t) -> slopes of the rates and outputs over the parameters of these `names` and over a
-    scale of the states `is_load`, whose own rows a scale leaves as they are."""
-    known = {p.name: i for i, p in enumerate(explicit.flat.parameters)}
+def _slopes(
+    explicit: ExplicitModel, sizes: Sizes, estimated: Sequence[str], is_load: Sequence[int]
+) -> ca.Function:
+    """(x, u, v, t) -> slopes of the rates and outputs over the sizes, over the `estimated` parameters and
+    over a scale of the states `is_load`, whose own rows a scale leaves as they are."""
     n_x, n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in range(5))
     x, u, v = ca.SX.sym("x", n_x), ca.SX.sym("u", n_u), ca.SX.sym("v", n_v)
     theta, t, w = ca.SX.sym("theta", n_theta), ca.SX.sym("t"), ca.SX.zeros(n_w)
     physical = [i for i in range(n_x) if i not in is_load]
     law = ca.vertcat(explicit.rhs(x, u, v, w, theta, t)[physical], explicit.outputs(x, u, v, w, theta, t))
-    over_theta = ca.jacobian(law, theta)[:, [known[name] for name in names]]
+    over_theta = [slopes_over(explicit, law, theta, s) for s in (sizes, sizes_of(explicit, estimated))]
     over_loads = ca.jacobian(law, x)[:, list(is_load)] @ ca.diag(x[list(is_load)])
-    return ca.Function("slopes", [x, u, v, theta, t], [ca.densify(ca.horzcat(over_theta, over_loads))])
+    now = ca.substitute(over_loads, theta, ca.SX(explicit.flat.theta_values))
+    return ca.Function("slopes", [x, u, v, t], [ca.densify(ca.horzcat(*over_theta, now))])
 
 
 def _basis(table: np.ndarray) -> np.ndarray:

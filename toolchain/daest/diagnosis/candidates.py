@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
-from itertools import count, product
+from itertools import chain, count, product
 
 import casadi as ca
 import numpy as np
@@ -119,23 +119,38 @@ def with_shapes(
     """One candidate per shape, with sharpness and shapes in multiples of what the variables reach along the
     trajectory `states` (by name, each (n_samples,)); and those that cannot be attached, with the reason."""
     usable, refused, explicit = attachable(flat, candidates)
+    shaped = in_shapes(flat, usable, explicit, time, states, inputs, innovations)
+    return tuple(chain.from_iterable(shaped)), refused
+
+
+def in_shapes(
+    flat: FlatModel,
+    usable: Sequence[Candidate],
+    explicit: ExplicitModel,
+    time: np.ndarray,
+    states: Mapping[str, np.ndarray],
+    inputs: np.ndarray,
+    innovations: np.ndarray | None = None,
+) -> list[list[Candidate]]:
+    """The shapes of every candidate, as `with_shapes` has them; `explicit` is the model with all of them."""
     reached = ranges(explicit, time, states, inputs)
     counts = {} if innovations is None else periods(usable, explicit, time, states, inputs, innovations)
-    result: list[Candidate] = []
+    result: list[list[Candidate]] = []
     for candidate in usable:
-        units = units_at(flat, candidate.effect, candidate.site)
+        units, shaped = units_at(flat, candidate.effect, candidate.site), []
         for number, values in enumerate(_shapes(candidate, reached, counts)):
             name = f"{candidate.name}_{number + 1}"
             searched = _n_searched(candidate, values, counts)
-            result.append(replace(candidate, name=name, shape=values, units=units, searched=searched))
-    return tuple(result), refused
+            shaped.append(replace(candidate, name=name, shape=values, units=units, searched=searched))
+        result.append(shaped)
+    return result
 
 
 def attachable(
     flat: FlatModel, candidates: Sequence[Candidate]
 ) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...], ExplicitModel]:
     """The candidates that leave a model that can be solved, the others with the reason, and that model."""
-    possible, refused = _with_possible_values(candidates)
+    possible, refused = with_possible_values(candidates)
     # What changes a store gives way to what has a state of its own, which is the more usual.
     ordered = sorted(possible, key=lambda c: c.effect.is_of_store)
     found, others, whole = _told_apart(flat, tuple(ordered), ())
@@ -144,7 +159,7 @@ def attachable(
     return kept, (*refused, *others), whole or explicit_at_null(flat, kept)
 
 
-def _with_possible_values(
+def with_possible_values(
     candidates: Sequence[Candidate],
 ) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:
     """The candidates whose values their effects take, which shows before any model is built."""

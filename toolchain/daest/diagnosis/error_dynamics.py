@@ -203,9 +203,11 @@ def _along(
 def _slopes_along(
     explicit: ExplicitModel, slopes: ca.Function, experiment: Experiment, states: np.ndarray
 ) -> np.ndarray:
-    """∂h/∂x (n_samples, n_y, n) at the states (n_samples, n)."""
+    """∂h/∂x (n_samples, n_y, n) at the states (n_samples, n); (1, n_y, n) where it is the same at all."""
     n_samples, n = states.shape
     ubar = np.vstack([experiment.inputs.T, np.zeros((explicit.rhs.numel_in(2), n_samples))])
     theta = np.tile(explicit.flat.theta_values[:, None], (1, n_samples))
     rows = slopes.map(n_samples)(states.T, ubar, theta, experiment.time)
-    return np.array(rows).reshape(-1, n_samples, n).transpose(1, 0, 2)
+    C = np.array(rows).reshape(-1, n_samples, n).transpose(1, 0, 2)
+    is_constant = np.array_equal(C, np.broadcast_to(C[:1], C.shape))
+    return C[:1] if is_constant else C

@@ -22,6 +22,7 @@ from scipy.linalg import expm
 from daest.errors import EstimationError
 from daest.model.flat import ExplicitModel
 from daest.numerics.evaluator import along
+from daest.numerics.recursions import linear_recursion
 
 STEP_DECIMALS = 9  # of a step in the usual one, to which steps are the same
 Inputs = tuple[np.ndarray, np.ndarray]  # u (n_u, n_samples) and v (n_v, n_samples)
@@ -98,6 +99,8 @@ def _linear_motion(time: np.ndarray, a: np.ndarray, B: np.ndarray) -> np.ndarray
     steps, which = np.unique(np.round(np.diff(time) / usual, STEP_DECIMALS), return_inverse=True)
     over = [expm(step * usual * np.block([[B, np.eye(n)], [np.zeros((n, 2 * n))]])) for step in steps]
     means = 0.5 * (a[:, 1:] + a[:, :-1])
+    if len(over) == 1:
+        return linear_recursion(over[0][:n, :n], means.T @ over[0][:n, n:].T, np.zeros(n))
     x = np.zeros((time.size, n))
     for k, one in enumerate(which):
         x[k + 1] = over[one][:n, :n] @ x[k] + over[one][:n, n:] @ means[:, k]

@@ -28,6 +28,7 @@ from daest.diagnosis.screen import (
     scored,
     size_names,
 )
+from daest.diagnosis.size_slopes import sizes_of
 from daest.diagnosis.trials import Trial
 from daest.model.diagnosis import Candidate, Screen, Screened
 from daest.model.effects import Site
@@ -127,7 +128,7 @@ def late_responses(
     names = [name for c in shifted for name in size_names(c)]
     explicit = explicit_at_null(null.flat, shifted)
     parts = []
-    for number, entries in enumerate(entries_along(null, run, explicit, names)):
+    for number, entries in enumerate(entries_along(null, run, explicit, sizes_of(explicit, names))):
         experiment, rows = null.experiments[number], []
         for i, candidate in enumerate(late):
             ends, shown = entries.of(range(i, i + 1))

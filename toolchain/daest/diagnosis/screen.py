@@ -20,12 +20,13 @@ import numpy as np
 from scipy.special import ndtri_exp
 
 from daest.diagnosis.absorbed import rescaling_sizes
-from daest.diagnosis.candidates import attachable, explicit_at_null, with_shapes
+from daest.diagnosis.candidates import attachable, explicit_at_null, in_shapes, with_possible_values
 from daest.diagnosis.clipping import CLIPPED
 from daest.diagnosis.error_dynamics import WatchedErrors, dynamics_along
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.grown_states import grown_states
 from daest.diagnosis.null import Null
+from daest.diagnosis.size_slopes import Sizes, sizes_of, slopes_over
 from daest.errors import EstimationError
 from daest.estimation.observer import AverageModel, average_model, observer
 from daest.model.diagnosis import Candidate, Screen, Screened
@@ -314,18 +315,84 @@ class _Responding:
 
 
 def _responding(null: Null, run: NullObserver, static: Sequence[Candidate]) -> _Responding:
-    """The candidates with a shape for each that is worth trying, and what each does to the innovations."""
+    """The candidates with a shape for each that is worth trying, and what each does to the innovations.
+
+    All shapes of an effect without states are values of its parameters in one model. One with states has a
+    component for every shape: along the motion its states differ."""
     first, filtered = null.experiments[0], run.observed[0].filtered
     states = dict(zip(run.state_names, filtered.T, strict=True))
-    shaped, refused = with_shapes(
-        null.flat, static, first.time, states, first.inputs, run.observed[0].whitened
+    usable, refused, explicit = attachable(null.flat, static)
+    along_first = (explicit, first.time, states, first.inputs, run.observed[0].whitened)
+    shaped = in_shapes(null.flat, usable, *along_first)
+    pairs = [(c, one) for c, several in zip(usable, shaped, strict=True) for one in several]
+    parts = (
+        _in_one_model(null, run, explicit, [pair for pair in pairs if not pair[0].effect.n_states]),
+        _in_own_components(null, run, [one for c, one in pairs if c.effect.n_states]),
     )
-    usable, refused_shapes, explicit = attachable(null.flat, shaped) if shaped else ((), (), null.explicit)
+    return _in_order([one.name for _, one in pairs], parts, refused)
+
+
+def _in_one_model(
+    null: Null,
+    run: NullObserver,
+    explicit: ExplicitModel,
+    pairs: Sequence[tuple[Candidate, Candidate]],
+) -> _Responding:
+    """Pairs of a candidate that `explicit` contains, without states of its own, and one of its shapes."""
+    kept, refused = with_possible_values([shaped for _, shaped in pairs])
+    if not kept:
+        return _Responding((), np.zeros((0, run.whitened.size)), refused)
+    base = {shaped.name: candidate for candidate, shaped in pairs}
+    sizes = _sizes_in(explicit, [(base[one.name], one) for one in kept])
+    return _Responding(kept, _responses_to(null, run, explicit, sizes), refused)
+
+
+def _sizes_in(explicit: ExplicitModel, pairs: Sequence[tuple[Candidate, Candidate]]) -> Sizes:
+    """The sizes of shaped candidates in a model that contains each once: at the parameters of their shapes,
+    of which a value holds one of every effect."""
+    column = {p.name: i for i, p in enumerate(explicit.flat.parameters)}
+    names: list[str] = []
+    at: list[int] = []
+    values = [explicit.flat.theta_values.copy()]
+    numbers: dict[str, int] = {}
+    for candidate, shaped in pairs:
+        number = numbers[candidate.name] = numbers.get(candidate.name, -1) + 1
+        if number == len(values):
+            values.append(explicit.flat.theta_values.copy())
+        for name, value in shaped.shape.items():
+            values[number][column[f"{candidate.name}.{name}"]] = value
+        names += size_names(candidate)
+        at += [number] * len(candidate.effect.sizes)
+    return Sizes(tuple(names), np.array(at, dtype=int), np.array(values))
+
+
+def _in_own_components(null: Null, run: NullObserver, shaped: Sequence[Candidate]) -> _Responding:
+    usable, refused, explicit = attachable(null.flat, shaped) if shaped else ((), (), null.explicit)
     if not usable:
-        return _Responding((), np.zeros((0, run.whitened.size)), (*refused, *refused_shapes))
-    responses = _responses(null, run, explicit, usable)
-    responses[_only_rescales(null, run, explicit, usable)] = 0.0
-    return _Responding(usable, responses, (*refused, *refused_shapes))
+        return _Responding((), np.zeros((0, run.whitened.size)), refused)
+    names = [name for c in usable for name in size_names(c)]
+    return _Responding(usable, _responses_to(null, run, explicit, sizes_of(explicit, names)), refused)
+
+
+def _responses_to(null: Null, run: NullObserver, explicit: ExplicitModel, sizes: Sizes) -> np.ndarray:
+    """Responses (k, m) of the whitened innovations to the sizes; none to those that only rescale."""
+    responses = _responses(null, run, explicit, sizes)
+    responses[_only_rescales(null, run, explicit, sizes)] = 0.0
+    return responses
+
+
+def _in_order(
+    names: Sequence[str], parts: Sequence[_Responding], refused: Sequence[tuple[str, str]]
+) -> _Responding:
+    """The parts as one, their candidates in the order of `names`."""
+    candidates = [c for part in parts for c in part.candidates]
+    ends = np.cumsum([0, *(len(c.effect.sizes) for c in candidates)]).tolist()
+    place = {name: i for i, name in enumerate(names)}
+    order = sorted(range(len(candidates)), key=lambda i: place[candidates[i].name])
+    rows = [row for i in order for row in range(ends[i], ends[i + 1])]
+    responses = np.concatenate([part.responses for part in parts])[rows]
+    whole = tuple(chain(refused, *(part.refused for part in parts)))
+    return _Responding(tuple(candidates[i] for i in order), responses, whole)
 
 
 def already_there(null: Null, candidates: Sequence[Candidate]) -> list[str]:
@@ -379,16 +446,13 @@ def size_names(candidate: Candidate) -> tuple[str, ...]:
     return tuple(f"{candidate.name}.{p.name}" for p in candidate.effect.sizes)
 
 
-def _responses(
-    null: Null, run: NullObserver, explicit: ExplicitModel, candidates: Sequence[Candidate]
-) -> np.ndarray:
-    """Responses (k, m) of the whitened innovations to each size of the candidates, in their order."""
-    names = [name for c in candidates for name in size_names(c)]
-    parts = []
-    for number, entries in enumerate(entries_along(null, run, explicit, names)):
+def _responses(null: Null, run: NullObserver, explicit: ExplicitModel, sizes: Sizes) -> np.ndarray:
+    """Responses (k, m) of the whitened innovations to each of the sizes."""
+    parts, k = [], len(sizes.names)
+    for number, entries in enumerate(entries_along(null, run, explicit, sizes)):
         experiment = null.experiments[number]
-        rows = np.empty((len(names), experiment.outputs.size))
-        for several in some_at_a_time(len(names), experiment.n_samples * entries.n_states):
+        rows = np.empty((k, experiment.outputs.size))
+        for several in some_at_a_time(k, experiment.n_samples * entries.n_states):
             ends, shown = entries.of(several)
             rows[several] = innovation_responses(run, number, experiment, ends, shown)
         parts.append(rows)
@@ -415,15 +479,13 @@ class Entries:
         return np.stack(ends, axis=1), self.direct.of(several, slice(None), self.n_outputs)
 
 
-def entries_along(
-    null: Null, run: NullObserver, explicit: ExplicitModel, names: Sequence[str]
-) -> Iterator[Entries]:
-    """How the parameters `names` of `explicit` enter, for each experiment, along the states of the null's
+def entries_along(null: Null, run: NullObserver, explicit: ExplicitModel, sizes: Sizes) -> Iterator[Entries]:
+    """How the sizes enter `explicit`, for each experiment, along the states of the null's
     observer: the filtered ones, and at the end of an interval the predicted ones, since what an effect does
     to an innovation must not know that innovation."""
     grown = grown_states(null.explicit, null.theta, run.observed[0].filtered.mean(axis=0), explicit)
     back = grown.rows_without_effects()
-    of_rates, of_outputs = _drive_functions(explicit, names, back)
+    of_rates, of_outputs = _drive_functions(explicit, sizes, back)
     for experiment, observed in zip(null.experiments, run.observed, strict=True):
         time, (first, last) = experiment.time, _driven_inputs(null, explicit, experiment)
         filtered, predicted = (grown.along(time, x, first) for x in (observed.filtered, observed.predicted))
@@ -443,16 +505,14 @@ def some_at_a_time(count: int, each: int) -> Iterator[range]:
     return (range(begin, min(begin + length, count)) for begin in range(0, count, length))
 
 
-def _only_rescales(
-    null: Null, run: NullObserver, explicit: ExplicitModel, candidates: Sequence[Candidate]
-) -> np.ndarray:
-    """Which sizes (k,) of the candidates do what the estimated parameters and the loads do already."""
+def _only_rescales(null: Null, run: NullObserver, explicit: ExplicitModel, sizes: Sizes) -> np.ndarray:
+    """Which sizes (k,) do what the estimated parameters and the loads do already."""
     experiment, filtered = null.experiments[0], run.observed[0].filtered
     (inputs, derivatives), _ = _driven_inputs(null, explicit, experiment)
     grown = grown_states(null.explicit, null.theta, filtered.mean(axis=0), explicit)
     return rescaling_sizes(
         explicit,
-        [name for c in candidates for name in size_names(c)],
+        sizes,
         null.estimated,
         [load.name for load in null.loads],
         grown.along(experiment.time, filtered, (inputs, derivatives)),
@@ -469,7 +529,8 @@ def law_response(
     effect = candidate.effect
     shape = {name: theta.get(f"{candidate.name}.{name}", value) for name, value in candidate.shape.items()}
     placed = replace(candidate, shape=shape)
-    responses = _responses(null, run, explicit_at_null(null.flat, [placed]), [placed])
+    explicit = explicit_at_null(null.flat, [placed])
+    responses = _responses(null, run, explicit, sizes_of(explicit, size_names(placed)))
     weights = [theta.get(f"{candidate.name}.{p.name}", 0.0) - (p.null or 0.0) for p in effect.sizes]
     return np.array(weights)[None] @ responses
 
@@ -498,28 +559,20 @@ def _whitened(run: NullObserver, experiment: Experiment, change: np.ndarray) -> 
 
 
 def _drive_functions(
-    explicit: ExplicitModel, names: Sequence[str], back: np.ndarray
+    explicit: ExplicitModel, sizes: Sizes, back: np.ndarray
 ) -> tuple[ca.Function, ca.Function]:
     """(x, u, v, t) -> ∂f/∂sizes (n, k) of the states without effects, and ∂h/∂sizes (n_y, k), both sparse, at
-    the parameters of the model: most of what effects of size zero would do to each other is nothing then.
-    The rates of the states with effects times `back` (n_rows, n) are those of the states without."""
-    known = {p.name: i for i, p in enumerate(explicit.flat.parameters)}
-    sizes = [known[name] for name in names]
+    parameters of the model: most of what effects of size zero would do to each other is nothing then. The
+    rates of the states with effects times `back` (n_rows, n) are those of the states without."""
     n_x, n_u, n_v, n_w, n_theta = (explicit.rhs.numel_in(i) for i in range(5))
     x, u, v = ca.SX.sym("x", n_x), ca.SX.sym("u", n_u), ca.SX.sym("v", n_v)
-    theta, t = ca.SX.sym("theta", n_theta), ca.SX.sym("t")
-    chosen = ca.SX.sym("sizes", len(sizes))
-    whole = ca.SX(theta)
-    whole[sizes] = chosen
-    f = explicit.rhs(x, u, v, ca.SX.zeros(n_w), whole, t)
-    h = explicit.outputs(x, u, v, ca.SX.zeros(n_w), whole, t)
+    theta, t, w = ca.SX.sym("theta", n_theta), ca.SX.sym("t"), ca.SX.zeros(n_w)
+    f, h = explicit.rhs(x, u, v, w, theta, t), explicit.outputs(x, u, v, w, theta, t)
 
     def slopes(law: ca.SX) -> ca.Function:
-        at_null = ca.Function("slopes", [x, u, v, theta, t, chosen], [ca.jacobian(law, chosen)])
-        now = ca.SX(explicit.flat.theta_values)
-        values = at_null.call([x, u, v, now, t, now[sizes]], True, False)
+        there = ca.sparsify(slopes_over(explicit, law, theta, sizes))
         # What stands in the laws of many effects is found once.
-        return ca.Function("drives", [x, u, v, t], ca.cse([ca.sparsify(part) for part in values]))
+        return ca.Function("drives", [x, u, v, t], ca.cse([there]))
 
     return slopes(ca.mtimes(ca.sparsify(ca.DM(back.T)), f)), slopes(h)
 
@@ -745,9 +798,13 @@ def _largest(tests: Sequence[_Test], correlation: np.ndarray, seed: int) -> np.n
     values, vectors = np.linalg.eigh(correlation)
     kept = values > 1e-10 * values.max(initial=0.0)
     root = vectors[:, kept] * np.sqrt(values[kept])
-    draws = np.random.default_rng(seed).standard_normal((DRAWS, root.shape[1])) @ root.T
-    scores = [test.score(draws) for test in tests if test.is_seen]
-    return np.sort(np.max(scores, axis=0)) if scores else np.zeros(DRAWS)
+    # Draw by draw beside each other for every test, which reads its own rows one after the other.
+    draws = (root @ np.random.default_rng(seed).standard_normal((DRAWS, root.shape[1])).T).T
+    most = np.zeros(DRAWS)
+    for test in tests:
+        if test.is_seen:
+            np.maximum(most, test.score(draws), out=most)
+    return np.sort(most)
 
 
 def _p_value(score: float, largest: np.ndarray) -> float:

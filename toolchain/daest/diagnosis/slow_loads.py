@@ -16,6 +16,7 @@ from daest.diagnosis.candidates import explicit_at_null
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.screen import NullObserver, entries_along, projection, size_names, some_at_a_time
+from daest.diagnosis.size_slopes import sizes_of
 from daest.diagnosis.trials import Trial, trials
 from daest.model.diagnosis import Candidate, Screen
 from daest.model.flat import ExplicitModel
@@ -58,7 +59,7 @@ def _regressed(
         return (states[..., rows] * weights).reshape(*states.shape[:-2], -1)
 
     def made(explicit: ExplicitModel, names: Sequence[str]) -> np.ndarray:
-        entries = next(entries_along(null, run, explicit, names))
+        entries = next(entries_along(null, run, explicit, sizes_of(explicit, names)))
         found = np.empty((len(names), n_samples * len(rows)))
         for several in some_at_a_time(len(names), n_samples * entries.n_states):
             # What is missing in the model is what the loads stand for: their errors, were it there.

@@ -543,17 +543,18 @@ class _Assembly:
             for i, e in enumerate(self.equations)
             if e.origin.partition(".")[0] != member.name and i not in kept
         ]
-        before = [*(self.residual[i] for i in rows), *self.results]
-        after = ca.vertsplit(ca.substitute(column(before), old, new))
-        depends = ca.jacobian_sparsity(column(before), old).row()
-        for at in depends:
-            if at < len(rows):
-                equation = self.equations[rows[at]]
-                origin = ", ".join(member.name if o == name else o for o in equation.origin.split(", "))
-                text = _renamed(equation.text, name, shown)
-                self.equations[rows[at]] = replace(equation, text=text, origin=origin)
-                self.residual[rows[at]] = after[at]
-        self.results = after[len(rows) :]
+        before = column([*(self.residual[i] for i in rows), *self.results])
+        depends = ca.jacobian_sparsity(before, old).row()
+        after = ca.vertsplit(ca.substitute(before[depends], old, new)) if depends else []
+        for at, expression in zip(depends, after, strict=True):
+            if at >= len(rows):
+                self.results[at - len(rows)] = expression
+                continue
+            equation = self.equations[rows[at]]
+            origin = ", ".join(member.name if o == name else o for o in equation.origin.split(", "))
+            text = _renamed(equation.text, name, shown)
+            self.equations[rows[at]] = replace(equation, text=text, origin=origin)
+            self.residual[rows[at]] = expression
 
     def _instead(self, member: _Member, name: str) -> None:
         """The uses of a parameter take the effect's formula, of one equation `y = …` in u and time."""

@@ -65,6 +65,8 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
 
 def _carries_mass(flat: FlatModel, site: Site) -> bool:
     """Whether the connectors of a site carry a mass flow."""
+    if all(unknown.unit != MASS_FLOW for unknown in flat.unknowns):
+        return False
     connector = connectors_of(flat.unknowns).get(site.connectors[0])
     return connector is not None and flat.unknowns[connector.flow].unit == MASS_FLOW
 

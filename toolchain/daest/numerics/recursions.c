@@ -1,7 +1,8 @@
 /* Linear recursions and products along a recording, for many right-hand sides at once. Matrices are row-major; `stride`
  * is the distance from the matrix of one sample to that of the next, 0 where one serves all. The loop over samples is the
  * outer one: the matrix of a sample is turned round once for all right-hand sides. With STATES, the slopes of gains alone
- * are compiled, for that many states (0: for any number): all sizes beside each other take a compiler seconds. */
+ * are compiled, for that many states (0: for any number), and with LARGE those of matrices of more than 8 rows: all sizes
+ * beside each other take a compiler seconds. */
 
 enum { MOST = 16 }; /* rows and columns of a matrix */
 
@@ -11,6 +12,12 @@ static inline __attribute__((always_inline)) void turned(const double *A, int ro
 }
 
 #ifndef STATES
+
+#ifdef LARGE
+#define SIZES OF(9) OF(10) OF(11) OF(12) OF(13) OF(14) OF(15) OF(16)
+#else
+#define SIZES OF(1) OF(2) OF(3) OF(4) OF(5) OF(6) OF(7) OF(8)
+#endif
 
 static inline __attribute__((always_inline)) void recursion(long m, long steps, int n, const double *A, long stride,
                                                             const double *drive, double *states) {
@@ -33,7 +40,7 @@ static inline __attribute__((always_inline)) void recursion(long m, long steps, 
 void daest_recursion(long m, long steps, long n, const double *A, long stride, const double *drive, double *states) {
   switch (n) {
 #define OF(size) case size: recursion(m, steps, size, A, stride, drive, states); return;
-    OF(1) OF(2) OF(3) OF(4) OF(5) OF(6) OF(7) OF(8) OF(9) OF(10) OF(11) OF(12) OF(13) OF(14) OF(15) OF(16)
+    SIZES
 #undef OF
   }
 }
@@ -62,7 +69,7 @@ void daest_products(long m, long samples, long n, long p, const double *rows, co
   }
   switch (n) {
 #define OF(size) case size: products(m, samples, size, size, rows, A, stride, out); return;
-    OF(1) OF(2) OF(3) OF(4) OF(5) OF(6) OF(7) OF(8) OF(9) OF(10) OF(11) OF(12) OF(13) OF(14) OF(15) OF(16)
+    SIZES
 #undef OF
   }
 }

@@ -18,6 +18,7 @@ import numpy as np
 from daest.numerics.compiler import FAST, effort, loaded, pointer, processor_flags, text_of
 
 MOST_COMPILED = 16  # states; of more, blocked products are faster
+FEW = 8  # states up to which the steps are in one library, and those for more in another
 UNROLLED = (2, 3, 4, 6, 8)  # states for which slopes of gains are compiled by themselves
 SHORT = 48  # up to this many samples the plain loop is as fast as blocks
 BLOCK_COLUMNS = 32  # columns (states times samples) of a block: the product costs this many steps per number
@@ -111,7 +112,7 @@ def products_along(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     """Every row (k, m, n) by the matrix of its sample (m, p, n): (k, m, p)."""
     k, m, n = rows.shape
     p = matrices.shape[1]
-    library = _library() if 0 < max(n, p) <= MOST_COMPILED and n and p else None
+    library = _library(n > FEW) if 0 < max(n, p) <= MOST_COMPILED and n and p else None
     if library is None:
         return np.matmul(rows.transpose(1, 0, 2), matrices.transpose(0, 2, 1)).transpose(1, 0, 2)
     rows, matrices = (np.ascontiguousarray(part, dtype=float) for part in (rows, matrices))
@@ -125,7 +126,7 @@ def _compiled(A: np.ndarray, drive: np.ndarray, states: np.ndarray) -> bool:
     """Whether the compiled steps have filled states[:, 1:] (n_rhs, n_steps + 1, n); A (n, n), or one per
     step."""
     n_rhs, n_steps, n = drive.shape
-    library = _library() if 0 < n <= MOST_COMPILED and n_steps > SHORT else None
+    library = _library(n > FEW) if 0 < n <= MOST_COMPILED and n_steps > SHORT else None
     if library is None or not states.flags.c_contiguous:
         return False
     A, drive = (np.ascontiguousarray(part, dtype=float) for part in (A, drive))
@@ -135,10 +136,10 @@ def _compiled(A: np.ndarray, drive: np.ndarray, states: np.ndarray) -> bool:
     return True
 
 
-@functools.lru_cache(maxsize=1)
-def _library() -> ctypes.CDLL | None:
-    """The compiled steps; None without a C compiler."""
-    return _part("daest_recursion", "daest_products")
+@functools.lru_cache
+def _library(is_large: bool) -> ctypes.CDLL | None:
+    """The compiled steps for few states or for more; None without a C compiler."""
+    return _part("daest_recursion", "daest_products", flags=("-DLARGE",) if is_large else ())
 
 
 @functools.lru_cache

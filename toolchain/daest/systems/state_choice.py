@@ -14,6 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg.lapack import dgecon, dgetrf
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from daest.errors import ModelError
@@ -27,6 +28,7 @@ from daest.systems.expand import (
     sparse_jacobian,
 )
 
+WELL_CONDITIONED = 1e-6  # estimated reciprocal condition above which a block is regular beyond doubt
 MOST_PLACES = 256  # sizes of alias groups beyond this are not told apart
 
 
@@ -295,4 +297,15 @@ def _dependent_rows(block: np.ndarray) -> np.ndarray:
 def dependent_rows(block: np.ndarray) -> np.ndarray:
     """The rows that make a square block singular (empty where it is regular), units scaled out. Shapes: block
     (n, n); rows (k,)."""
-    return _dependent_rows(equilibrated(block))
+    scaled = equilibrated(block)
+    return np.zeros(0, dtype=int) if _is_regular(scaled) else _dependent_rows(scaled)
+
+
+def _is_regular(block: np.ndarray) -> bool:
+    """Whether a square block (n, n) is far from singular, as its factors tell: in a small part of the time
+    that singular values take."""
+    factors, _, status = dgetrf(block)
+    if status:
+        return False
+    reciprocal_condition, status = dgecon(factors, np.linalg.norm(block, 1))
+    return bool(not status and reciprocal_condition > WELL_CONDITIONED)
