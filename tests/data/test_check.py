@@ -220,6 +220,20 @@ def pairs(**columns):
     return [(f.code, f.column, f.sentence) for f in check_table(table).findings]
 
 
+@pytest.mark.parametrize("is_dead", [False, True])
+def test_a_machine_that_rests_anywhere_is_no_stuck_sensor(is_dead):
+    """An encoder stands still for 0.4 s twice. A machine that sticks goes on from there by single steps."""
+    step = 3.8e-4
+    noise = 5 * np.random.default_rng(0).normal(size=N)
+    counts = np.round(2.0 / step * np.sin(0.008 * np.arange(N)) + noise)
+    for at in (600, 1700):
+        counts[at : at + 40] = counts[at]
+        if not is_dead:
+            counts[at - 1] = counts[at] + 1
+            counts[at + 40 :] += counts[at] + 1 - counts[at + 40]
+    assert [f.code for f in warnings_of({"q": np.round(step * counts, 6)})] == ["check-stuck"] * is_dead
+
+
 def test_lag_and_polarity_between_columns():
     rng = np.random.default_rng(2)
     u = excitation("multisine", rng)

@@ -209,9 +209,12 @@ def _stuck(samples: Samples) -> list[Finding]:
     if samples.noise is not None:
         equal = (values.size - starts.size - int((lengths[suspects] - 1).sum())) / values.size
         stuck = suspects if equal < DATA.stuck_elsewhere else suspects[:0]
-        # A machine comes to rest at zero in small steps, a dead sensor in a large one.
-        at_rest = (values[starts[stuck]] == 0) & ~_jumped(samples, starts[stuck], lengths[stuck])
-        stuck = stuck[~at_rest]
+        # A machine comes to rest and leaves it in small steps, anywhere in those of its converter; a dead
+        # sensor falls to zero in a large one, or holds a value from which the machine has gone on.
+        into, out_of = _steps_at_ends(samples, starts[stuck], lengths[stuck])
+        falls = np.minimum(into, out_of) > DATA.stuck_jump * samples.large_step
+        holds = np.maximum(into, out_of) > DATA.held_jump * samples.steps.min()
+        stuck = stuck[np.where(values[starts[stuck]] == 0, falls, holds)]
     else:
         ends = starts + lengths
         inside = suspects[ends[suspects] < values.size]
@@ -230,11 +233,12 @@ def _stuck(samples: Samples) -> list[Finding]:
     return [Finding("check-stuck", "warning", samples.name, text, at, int(stuck.size))]
 
 
-def _jumped(samples: Samples, starts: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    """Whether the steps into and out of the runs are both large among those of the signal."""
+def _steps_at_ends(
+    samples: Samples, starts: np.ndarray, lengths: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The steps into and out of runs, each (n_runs,); 0 at the ends of the signal."""
     sizes = np.abs(np.diff(samples.values, prepend=samples.values[0], append=samples.values[-1]))
-    large = DATA.stuck_jump * samples.large_step
-    return (sizes[starts] > large) & (sizes[starts + lengths] > large)
+    return sizes[starts], sizes[starts + lengths]
 
 
 def _outliers(samples: Samples) -> list[Finding]:
