@@ -134,7 +134,7 @@ def test_one_archive_for_three_systems(tmp_path, monkeypatch):
 def test_long_code_is_optimised_less(monkeypatch):
     lines = [1, compiler.ASKED_LINES + 1, compiler.OPTIMISED_LINES + 1]
     for asked, efforts in (
-        ("Og", ["-Og", "-O1", "-O0"]),
+        ("Og", ["-Og", "-Og", "-O0"]),
         ("O1", ["-O1", "-O1", "-O0"]),
         ("rm", ["-O3", "-O1", "-O0"]),
         ("", ["-O3", "-O1", "-O0"]),

@@ -47,6 +47,9 @@ EFFORT_VARIABLE, EFFORTS = "DAEST_COMPILER_EFFORT", ("-O0", "-Og", "-O1", "-O2",
 # integrators of five laws of a servo, and compiled in four fifths of its time; two to three times as fast for
 # recursions of eight states, of which -O3 takes the loops apart, and compiled in two fifths.
 FAST = ("-ftree-vectorize", "-fpeel-loops", "-fno-math-errno", "-fno-semantic-interposition")
+# Over the conditions of long generated code, gcc 12 threads jumps for 8 of the 10 s that 12 600 lines take at
+# -O1, to no use. Other compilers know no such option, and pass over what is asked of gcc so.
+UNTHREADED = '#pragma GCC optimize ("no-thread-jumps")\n'
 # Longer code is not compiled: it would take minutes and gigabytes.
 MOST_LINES = 400_000
 # Compiled libraries that are kept; those that were not used for longest leave.
@@ -242,8 +245,9 @@ def _built(
         _telling.get()(f"compiling {n_lines} lines of C, which is kept for the next time")
     folder = _writable(folder)
     with passing_folder("build-", folder) as work:
+        head = UNTHREADED if n_lines > ASKED_LINES else ""
         for source, text in texts.items():
-            (work / source).write_text(text, encoding="utf-8")
+            (work / source).write_text(head + text, encoding="utf-8")
         _compile(compiler, target, flags, work, name, file_name, objects)
         put_whole(work / file_name, folder / file_name)
     forget_unused(cache_folder() / "compiled", MOST_KEPT)
@@ -289,7 +293,8 @@ def effort(source: str, wanted: str) -> str:
     lines = source.count("\n")
     if lines <= ASKED_LINES:
         return wanted
-    return "-O1" if lines <= OPTIMISED_LINES else "-O0"
+    most = "-O1" if lines <= OPTIMISED_LINES else "-O0"
+    return min(wanted, most, key=EFFORTS.index)
 
 
 _telling: ContextVar[Callable[[str], object]] = ContextVar("telling", default=lambda _: None)
