@@ -32,8 +32,8 @@ ITERATIONS = 15  # of the simulation's fit from which one is tried again
 def proof_by_attempts(search: Search, prepared: Prepared) -> Proof:
     """The proof of a candidate. Where its refit fails, it is tried again at places that the sensors do not
     tell from its own, unless it only loses its way, which it would there, too; then from a small and gentle
-    effect, and from that beside the null as it was refitted; one that is `by_shooting`, from a simulation's fit alone. One that replaces a sensor is tried at
-    its full size first. Of several ends the likeliest is judged. Raises the error of the first attempt."""
+    effect, and from that beside the null as it was refitted; one that is `by_shooting`, from a simulation's
+    fit alone. One that replaces a sensor is tried at its full size first. Of several ends the likeliest is judged. Raises the error of the first attempt."""
     errors: list[Exception] = []
     with quiet():
         for ends in _tried(search, prepared, errors):
