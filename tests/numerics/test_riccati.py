@@ -22,6 +22,26 @@ def test_next_to_no_noise_on_an_integrator_is_solved_without_a_warning(q):
     assert np.diagonal(P)[:2] == pytest.approx([(1.1**2 - 1.0) * R, np.sqrt(q * R)], rel=1e-4)
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-9, 1e9])  # of the last state
+def test_a_state_that_no_noise_reaches_is_known_in_the_end(unit):
+    # The temperature of a body, a load on it, and a lag of its heater, which nothing but the input drives.
+    Phi = np.array([[0.99682, 1.6525e-3, 2.2782 / unit], [0.0, 0.60653, 0.0], [0.0, 0.0, 0.97243]])
+    Q = np.zeros((3, 3))
+    Q[:2, :2] = [[1.6597e-3, 1.05], [1.05, 1.0202e3]]
+    C, R = np.array([[1.0, 0.0, 0.0]]), np.array([[5.565e-4]])
+    P = filter_riccati(Phi, C, Q, R, np.zeros((3, 1)))
+    alone = filter_riccati(Phi[:2, :2], C[:, :2], Q[:2, :2], R, np.zeros((2, 1)))
+    assert P[:2, :2] == pytest.approx(alone, rel=1e-12)
+    assert not P[2].any()
+    assert not P[:, 2].any()
+
+
+def test_a_state_that_no_noise_reaches_and_that_grows_is_followed_all_the_same():
+    Phi, R = np.array([[0.9, 1.0], [0.0, 1.1]]), np.array([[1e-4]])
+    P = filter_riccati(Phi, np.array([[1.0, 0.0]]), np.diag([1.0, 0.0]), R, np.zeros((2, 1)))
+    assert P[1, 1] > 0.0
+
+
 def test_what_no_output_sees_is_found_once_for_one_model():
     Phi, C = np.array([[0.9, 0.1], [0.0, 0.8]]), np.array([[0.0, 1.0]])
     _, hidden = unobservable_subspace(Phi, C)

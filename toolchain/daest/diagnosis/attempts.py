@@ -32,8 +32,9 @@ ITERATIONS = 15  # of the simulation's fit from which one is tried again
 def proof_by_attempts(search: Search, prepared: Prepared) -> Proof:
     """The proof of a candidate. Where its refit fails, it is tried again at places that the sensors do not
     tell from its own, unless it only loses its way, which it would there, too; then from a small and gentle
-    effect; one that is `by_shooting`, from a simulation's fit alone. One that replaces a sensor is tried at
-    its full size first. Of several ends the likeliest is judged. Raises the error of the first attempt."""
+    effect, and from that beside the null as it was refitted; one that is `by_shooting`, from a simulation's
+    fit alone. One that replaces a sensor is tried at its full size first. Of several ends the likeliest is
+    judged. Raises the error of the first attempt."""
     errors: list[Exception] = []
     with quiet():
         for ends in _tried(search, prepared, errors):
@@ -122,12 +123,23 @@ def _attempts(
             yield partial(as_prepared, start)
         # Beside the loads, the null is near to a small effect.
         yield gentle
+        yield partial(_beside_refit, search, prepared)
         return
     yield partial(as_prepared, prepared)
     if prepared.similar is not None:
         return
     yield from elsewhere
     yield gentle
+    yield partial(_beside_refit, search, prepared)
+
+
+def _beside_refit(search: Search, prepared: Prepared) -> Prepared:
+    """The candidate as a gentle effect where the refit of the null has ended: a law that contains the null
+    need not end below it, but does where its search, from where that refit has started, stops on the way."""
+    null, baseline = search.stand.null, search.stand.baseline
+    flat = null.flat.with_theta(baseline.theta)
+    gentle = prepare(flat, null.estimated, prepared.trial, share=GENTLE, sharper=1.0)
+    return replace(gentle, refit=baseline)
 
 
 def _by_shooting(search: Search, prepared: Prepared) -> Prepared:

@@ -565,7 +565,7 @@ def _refit(
 ) -> Refit:
     """The refit, which goes on where a search has come to its limit; `least` is the log-likelihood of the
     null."""
-    start = null if prepared.similar is None else replace(null, fit=prepared.similar)
+    start = replace(null, fit=prepared.similar or prepared.refit or null.fit)
     if prepared.simulation is not None:
         start = replace(null, fit=_calm(null.fit, prepared.simulation))
     begun, start = _begun_on_a_part(prepared, explicit, start)

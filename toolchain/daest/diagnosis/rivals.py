@@ -187,7 +187,8 @@ def _improving(fits: Sequence[tuple[float, Prepared] | None], simulation: Simula
 
 def best_dynamic(null: Null, parts: Sequence[DynamicFits]) -> tuple[Prepared, ...]:
     """The best of all parts of `dynamic_fits` by the criterion of Bayes, each law with the places where it
-    does the same."""
+    does the same; and besides a law that delays a signal with many states the one that does with the fewest.
+    Those states take up what else is missing, so that a dead time may simulate better where a lag is."""
     found: list[tuple[float, Prepared]] = []
     for best in chain.from_iterable(parts):
         same = next((i for i, (value, p) in enumerate(found) if _is_same(value, p, best)), None)
@@ -198,7 +199,29 @@ def best_dynamic(null: Null, parts: Sequence[DynamicFits]) -> tuple[Prepared, ..
             alike = (*first.trial.alike, best[1].trial.candidate)
             found[same] = (value, replace(first, trial=replace(first.trial, alike=alike)))
     found.sort(key=lambda pair: -bic_gain(pair[0], pair[1].n_unknowns(null.estimated), null))
-    return tuple(prepared for _, prepared in found[:MOST_DYNAMIC])
+    ordered = [prepared for _, prepared in found]
+    return tuple(_with_simplest(ordered[:MOST_DYNAMIC], ordered))
+
+
+def _with_simplest(chosen: list[Prepared], all_of_them: Sequence[Prepared]) -> list[Prepared]:
+    """The chosen ones, and those of all that delay the same signals as they do with fewer states."""
+    for one in list(chosen):
+        candidate = one.trial.candidate
+        simpler = [
+            other
+            for other in all_of_them
+            if candidate.is_of_signal
+            and candidate.site in [place.site for place in _places(other)]
+            and other.trial.candidate.effect.n_states < candidate.effect.n_states
+            and not any(other is known for known in chosen)
+        ]
+        chosen += sorted(simpler, key=lambda other: other.trial.candidate.effect.n_states)[:1]
+    return chosen
+
+
+def _places(prepared: Prepared) -> tuple[Candidate, ...]:
+    """The places where a law is known to do the same."""
+    return (prepared.trial.candidate, *prepared.trial.alike)
 
 
 def _is_same(value: float, prepared: Prepared, other: tuple[float, Prepared]) -> bool:

@@ -57,12 +57,16 @@ def settled(
     explicit = replace(explicit, flat=started)
     # Where the loads of the null lead astray, what is left of them beside the effect may not.
     beside = replace(null, fit=fit, loads=loads_of(fit, null.places))
+    ends: list[Refit] = []
     for start in (null, beside):
-        found = _found(start, started, explicit, names, experiments, is_rough)
-        if found is None or not _has_run_away(found.fit, experiments):
+        end = _found(start, started, explicit, names, experiments, is_rough)
+        is_lost = end is not None and _has_run_away(end.fit, experiments)
+        ends += [] if end is None or is_lost else [end]
+        if end is None or not (is_lost or _is_led_away(end.fit, fit, null.estimated)):
             break
-    if found is None or _has_run_away(found.fit, experiments):
+    if not ends:
         return None
+    found = max(ends, key=lambda end: end.fit.log_likelihood)
     if not is_rough:
         given = _given(null)
         if _leaves_open(found.fit, given):
@@ -101,6 +105,18 @@ def _has_run_away(fit: FitResult, experiments: Sequence[Experiment]) -> bool:
     spread = np.nanstd(np.concatenate([e.outputs for e in experiments]), axis=0)
     noise = np.array([n.value for n in fit.noises if n.kind == "measurement"])
     return bool(np.any(noise > GATES.observer_runaway * spread))
+
+
+def _is_led_away(white: FitResult, beside: FitResult, names: Collection[str]) -> bool:
+    """Whether white loads have led one of the parameters `names` far from where it is `beside` coloured ones:
+    loads that are too large to begin with do what a parameter did, and it goes anywhere."""
+    apart = [white.theta[name] / beside.theta[name] for name in names if beside.theta[name]]
+    return any(_is_far(ratio) for ratio in apart)
+
+
+def _is_far(ratio: float) -> bool:
+    """Whether a ratio of two values of a parameter tells that one of them is lost."""
+    return ratio > 0.0 and abs(np.log(ratio)) > np.log(FAR)
 
 
 def simulated(
@@ -189,8 +205,7 @@ def _lost(null: Null, white: FitResult) -> dict[str, float]:
     away: a load that is free enough leaves it nothing to do. Empty where it has not."""
     starts = _given(null)
     apart = [white.theta[name] / value for name, value in starts.items() if value and name in white.theta]
-    is_lost = any(ratio > 0.0 and abs(np.log(ratio)) > np.log(FAR) for ratio in apart)
-    return starts if is_lost else {}
+    return starts if any(_is_far(ratio) for ratio in apart) else {}
 
 
 def _with_choice(std_error: float | None, apart: float) -> float | None:

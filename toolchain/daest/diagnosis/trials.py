@@ -120,12 +120,13 @@ def _position(candidate: Candidate) -> tuple[int, ...]:
 @dataclass(frozen=True)
 class Prepared:
     """A candidate model ready for its search, which starts from the noise and the initial states of
-    `similar`, if there is a fit of a simpler law, or of `simulation`, if it comes from one, else from the
-    null's. One that `has_loop` is solved by iterations at every point, and takes longest. A refit below the
-    log-likelihood `useless` says less than one of the same law that is known: it is not judged further. One
-    that says less than the accepted `simpler` law, which it contains and was started from, is judged in
-    brief. One that is `by_shooting` starts from a simulation by multiple shooting. `simulated` is the
-    log-likelihood of the simulation that its values are from, if they are; `explicit` is the
+    `similar`, if there is a fit of a simpler law, or of `simulation`, if it comes from one, or of `refit`, if
+    it starts where the refit of the null has ended, else from the null's. One that `has_loop` is solved by
+    iterations at every point, and takes longest. A refit below the log-likelihood `useless` says less than
+    one of the same law that is known: it is not judged further. One that says less than the accepted
+    `simpler` law, which it contains and was started from, is judged in brief. One that is `by_shooting`
+    starts from a simulation by multiple shooting. `simulated` is the log-likelihood of the simulation that
+    its values are from, if they are; `explicit` is the
     form of `flat`, if that was reduced before."""
 
     trial: Trial
@@ -133,6 +134,7 @@ class Prepared:
     names: tuple[str, ...]
     similar: FitResult | None = None
     simulation: FitResult | None = None
+    refit: FitResult | None = None
     has_loop: bool = False
     useless: float = -np.inf
     simpler: Proof | None = None

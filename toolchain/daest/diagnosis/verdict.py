@@ -263,7 +263,8 @@ def _as_well_inside(evidence: Evidence, proof: Proof) -> Decided | None:
 def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
     short = [p for p in evidence.proofs if p.is_any_dynamics]
     form = loads.form
-    nearest = _nearest_dynamics(evidence, short, form if loads.is_related else None)
+    may_be_curve = loads.is_related and not loads.against_form
+    nearest = _nearest_dynamics(evidence, short, form if may_be_curve else None)
     if nearest is not None:
         return _comes_near(evidence, nearest)
     if short:
@@ -328,7 +329,7 @@ def _of_starts(evidence: Evidence, starts: Sequence[LoadStart]) -> Decided:
 def _nearest_dynamics(evidence: Evidence, short: Sequence[Proof], form: FreeForm | None) -> Proof | None:
     """The likeliest lag or delay that leaves something dynamic, where that does away with most of the load
     and is clearly likelier than those that are too `short` to be told apart and than a curve of the `form`
-    that the load follows; None where there is none."""
+    that the load follows, if unseen data do not speak against that; None where there is none."""
     others = [0.0, *(p.delta_bic for p in short)]
     if form is not None:
         others.append(2.0 * form.log_likelihood_gain)

@@ -84,7 +84,33 @@ def filter_riccati(
     circle and any units); where it cannot be used or does not stabilise (R singular, an unstable mode without
     noise) the Schur method with Newton steps. None when neither gives a stabilising solution to
     RESIDUAL_TOLERANCE: there is an undetectable mode, or one on the unit circle without noise.
+
+    States that no noise reaches and that die out are known in the end: their rows of P are zero. A method
+    leaves rounding there, and no tolerance relative to such rows would pass it.
     """
+    driven = _driven(Phi, Q)
+    if driven.all() or not is_stable(Phi[np.ix_(~driven, ~driven)]):
+        return _driven_covariance(Phi, C, Q, R, S12)
+    inside, P = np.ix_(driven, driven), np.zeros_like(Phi)
+    known = _driven_covariance(Phi[inside], C[:, driven], Q[inside], R, S12[driven])
+    if known is None:
+        return None
+    P[inside] = known
+    return P
+
+
+def _driven(Phi: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """Which states the noise of covariance Q (n, n) reaches through entries of Φ (n, n), (n,) bool."""
+    feeds, driven = Phi != 0.0, np.any(Q != 0.0, axis=1)
+    for _ in range(driven.size):
+        driven = driven | feeds[:, driven].any(axis=1)
+    return driven
+
+
+def _driven_covariance(
+    Phi: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, S12: np.ndarray
+) -> np.ndarray | None:
+    """`filter_riccati` of the states that noise drives."""
     if Phi.shape[0] == 0:
         return np.zeros((0, 0))
     for method in (_doubled, _schur):
