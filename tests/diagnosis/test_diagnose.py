@@ -402,12 +402,12 @@ def test_effect_with_states_is_tried_until_it_is_better_than_its_simulation(monk
     candidate = SimpleNamespace(effect=effect, site=site)
     trial = SimpleNamespace(candidate=candidate, alike=(), is_seen_in_use=False)
     null, tried = SimpleNamespace(flat=None, estimated=()), []
-    ends = {"loads": 50.0, "calm": 90.0, "small": 130.0}
-
+    ends = {"loads": 50.0, "calm": 90.0, "small": 130.0, "beside the refit": 125.0}
+    gentle = ("small", "beside the refit")
     judged = []
 
     def searched(_, start):
-        tried.append(start if start == "small" else "calm" if start.simulation else "loads")
+        tried.append(start if start in gentle else "calm" if start.simulation else "loads")
         end = ends[tried[-1]]
         fit = SimpleNamespace(log_likelihood=end)
         return SimpleNamespace(gain=end - 100.0, refit=SimpleNamespace(fit=fit))
@@ -427,13 +427,14 @@ def test_effect_with_states_is_tried_until_it_is_better_than_its_simulation(monk
     monkeypatch.setattr(attempts, "end_of_search", searched)
     monkeypatch.setattr(search_module, "judged_end", proof_of)
     monkeypatch.setattr(attempts, "prepare", lambda *_, share, sharper: "small")
+    monkeypatch.setattr(attempts, "_beside_refit", lambda *_: "beside the refit")
     assert end(40.0) == 130.0 and tried == ["loads", "calm", "small"]
     ends["loads"] = 110.0
     assert end(40.0) == 110.0 and tried == ["loads"]
     # A simulation that is likelier than the null needs no load; none may end below it.
     ends["calm"] = 120.0
     assert end(115.0) == 120.0 and tried == ["calm"]
-    assert end(140.0) == 130.0 and tried == ["calm", "loads", "small"]
+    assert end(140.0) == 130.0 and tried == ["calm", "loads", *gentle]
     assert judged == [30.0]  # the likeliest end alone
 
 
