@@ -234,6 +234,19 @@ def test_a_machine_that_rests_anywhere_is_no_stuck_sensor(is_dead):
     assert [f.code for f in warnings_of({"q": np.round(step * counts, 6)})] == ["check-stuck"] * is_dead
 
 
+@pytest.mark.parametrize("is_dead", [False, True])
+def test_a_machine_that_often_rests_has_no_sensor_that_dies_as_often(is_dead):
+    """A cylinder moves from place to place, noise on its position while it moves. A sensor that dies holds
+    its value beside a machine that goes on; at rest the next sample is near."""
+    rng = np.random.default_rng(1)
+    position = np.sin(0.01 * np.arange(N)) + 0.003 * rng.normal(size=N)
+    for at in range(200, N - 100, 400):
+        position[at : at + 60] = position[at]
+        if not is_dead:
+            position[at + 60 :] += position[at] - position[at + 60] + 0.002
+    assert [f.code for f in warnings_of({"x": position})] == ["check-stuck"] * is_dead
+
+
 def test_lag_and_polarity_between_columns():
     rng = np.random.default_rng(2)
     u = excitation("multisine", rng)

@@ -209,12 +209,7 @@ def _stuck(samples: Samples) -> list[Finding]:
     if samples.noise is not None:
         equal = (values.size - starts.size - int((lengths[suspects] - 1).sum())) / values.size
         stuck = suspects if equal < DATA.stuck_elsewhere else suspects[:0]
-        # A machine comes to rest and leaves it in small steps, anywhere in those of its converter; a dead
-        # sensor falls to zero in a large one, or holds a value from which the machine has gone on.
-        into, out_of = _steps_at_ends(samples, starts[stuck], lengths[stuck])
-        falls = np.minimum(into, out_of) > DATA.stuck_jump * samples.large_step
-        holds = np.maximum(into, out_of) > DATA.held_jump * samples.steps.min()
-        stuck = stuck[np.where(values[starts[stuck]] == 0, falls, holds)]
+        stuck = stuck[_is_dead(samples, starts[stuck], lengths[stuck])]
     else:
         ends = starts + lengths
         inside = suspects[ends[suspects] < values.size]
@@ -233,12 +228,19 @@ def _stuck(samples: Samples) -> list[Finding]:
     return [Finding("check-stuck", "warning", samples.name, text, at, int(stuck.size))]
 
 
-def _steps_at_ends(
-    samples: Samples, starts: np.ndarray, lengths: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The steps into and out of runs, each (n_runs,); 0 at the ends of the signal."""
+def _is_dead(samples: Samples, starts: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Which runs of equal values, (n_runs,) bool, are those of a dead sensor and not of a machine at rest.
+
+    A machine comes to rest and leaves it in small steps, anywhere in those of its converter; a dead sensor
+    falls to zero in a large one, or holds a value from which the machine has gone on: where that is often,
+    further than it mostly goes in a step."""
     sizes = np.abs(np.diff(samples.values, prepend=samples.values[0], append=samples.values[-1]))
-    return sizes[starts], sizes[starts + lengths]
+    into, out_of = sizes[starts], sizes[starts + lengths]
+    falls = np.minimum(into, out_of) > DATA.stuck_jump * samples.large_step
+    holds = np.maximum(into, out_of) > DATA.held_jump * samples.steps.min()
+    if starts.size > DATA.often_held and np.median(out_of) < DATA.held_often * samples.large_step:
+        holds[:] = False
+    return np.where(samples.values[starts] == 0, falls, holds)
 
 
 def _outliers(samples: Samples) -> list[Finding]:
