@@ -333,6 +333,26 @@ def test_nonlinear_null_is_the_better_of_two_searches(monkeypatch):
     assert nulls.GATES.shortest_load < nulls.FASTER_LOAD
 
 
+def test_nonlinear_null_is_searched_from_the_values_of_the_simulation_too(monkeypatch):
+    """Beside given values that are a little off, a fast load is an optimum of its own."""
+    one, _ = rotor_record(400, seed=3)
+    asked = []
+
+    def identified(flat, experiments, options):
+        asked.append((options.method, options.estimate, dict(options.start)))
+        return SimpleNamespace(log_likelihood=7.0, theta={"J": 0.02, "load_1.T": 1.0})
+
+    monkeypatch.setattr(nulls, "identify", identified)
+    options = IdentifyOptions(method="pem", estimate=("J", "load_1.T"), bounds={"load_1.T": (0.1, 9.0)})
+    first = SimpleNamespace(log_likelihood=6.0)
+    better = nulls._from_simulation(first, model(), [one], options, ("J",))
+    assert better.log_likelihood == 7.0
+    assert asked == [("oe", ("J",), {}), ("pem", ("J", "load_1.T"), {"J": 0.02})]
+    likelier = SimpleNamespace(log_likelihood=8.0)
+    assert nulls._from_simulation(likelier, model(), [one], options, ("J",)) is likelier
+    assert nulls._from_simulation(first, model(), [one], options, ()) is first
+
+
 def test_a_kept_screen_is_of_one_choice_of_holds():
     """With the hold given, a search must not go on from one in which the other hold was open."""
     stand, parts = rubbing(), []

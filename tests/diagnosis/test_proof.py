@@ -950,6 +950,19 @@ def test_drift_must_drift_beside_a_constant_load_of_each_recording(monkeypatch, 
     assert not reason(proved()[0].flat), "friction knows no time"
 
 
+def test_what_a_drift_foresees_is_no_evidence_where_errors_add_up():
+    """The unseen half of a ramp lies at another level, and any drift goes there."""
+    stand = rubbing()
+    (effect,) = some_effects("Drift")
+    (site,) = [s for s in sites(model()) if s.kind == "output"]
+    drifting = SimpleNamespace(flat=attach(stand.null.flat, effect, site, "drift", {"r": 0.01}))
+    counting, holding = (replace(stand.reference, adds_up=adds_up) for adds_up in (True, False))
+    assert proving._is_any_level(stand.null, drifting, counting)
+    assert not proving._is_any_level(stand.null, drifting, holding), "its level is asked of the simulation"
+    assert not proving._is_any_level(stand.null, proved()[0], counting), "friction knows no time"
+    assert not proving._is_any_level(stand.null, drifting, None)
+
+
 def test_law_that_says_all_of_a_curve_may_leave_a_smaller_effect():
     points = np.zeros(2)
     left = FreeForm(0, "rotor.flange", "rotor.w", "", "N.m", "rad/s", 44.0, 4, 1e-5, points, points, points)

@@ -392,7 +392,10 @@ def _fit_from(
     try:
         options = replace(given, estimate=(*physical, *bounds), bounds=bounds)
         fit = identify(loaded, experiments, options)
-        return fit if is_affine else _from_faster_loads(fit, loaded, experiments, options, times)
+        if is_affine:
+            return fit
+        fit = _from_faster_loads(fit, loaded, experiments, options, times)
+        return _from_simulation(fit, loaded, experiments, options, physical)
     except EstimationError as error:
         if not _is_about(error, times):
             raise
@@ -412,6 +415,27 @@ def _from_faster_loads(
     faster = {name: FASTER_LOAD * period_of(experiments) for name in times}
     with suppress(EstimationError):
         other = identify(loaded, experiments, replace(options, start=faster))
+        return other if other.log_likelihood > fit.log_likelihood else fit
+    return fit
+
+
+def _from_simulation(
+    fit: FitResult,
+    loaded: FlatModel,
+    experiments: Sequence[Experiment],
+    options: IdentifyOptions,
+    physical: tuple[str, ...],
+) -> FitResult:
+    """The more likely of the `fit` and one that starts where the model without loads simulates best: what the
+    given values of the parameters `physical` lack, a fast load does as well, and the search of a nonlinear
+    model may end beside it."""
+    if not physical:
+        return fit
+    alone = replace(options, method="oe", estimate=physical, bounds={})
+    with suppress(EstimationError):
+        simulated = identify(loaded, experiments, alone)
+        start = {name: simulated.theta[name] for name in physical}
+        other = identify(loaded, experiments, replace(options, start=start, least=fit.log_likelihood))
         return other if other.log_likelihood > fit.log_likelihood else fit
     return fit
 

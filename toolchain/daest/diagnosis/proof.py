@@ -321,6 +321,7 @@ class _Judge:
         if reference is not None and self.validation:
             told = confirmed(reference.innovations, innovations(self.observer, self.validation))
         final, ahead, against, is_told = self._on_unseen(told)
+        is_told = is_told and not _is_any_level(self.fed, prepared, reference)
         fit = refit.fit if final else refit.simulated(self.validation)
         last, used, is_shown = final or fit, InUse(), False
         if reference is not None and not against:
@@ -453,9 +454,7 @@ def _of_levels(
     cannot be told."""
     if final is None or reference is None or reference.adds_up or not validation or not null.loads:
         return ""
-    if ca.depends_on(null.flat.residual, null.flat.time):
-        return ""
-    if not ca.depends_on(prepared.flat.residual, prepared.flat.time):
+    if not _is_of_time(null, prepared):
         return ""
     ratio = _steady_ratio(null, prepared.flat, explicit, final, validation, reference)
     if ratio is None or ratio < 1.0:
@@ -464,6 +463,19 @@ def _of_levels(
         "it stands for another level of the unseen data: beside a constant load of each recording it "
         f"simulates them {ratio:.3g} times worse"
     )
+
+
+def _is_any_level(null: Null, prepared: Prepared, reference: Reference | None) -> bool:
+    """Whether unseen data at another level would be foreseen better by a law whether it acts or not: by any
+    drift towards that level, where errors of the simulation add up and the level cannot be asked of it
+    (`_of_levels`)."""
+    return reference is not None and reference.adds_up and _is_of_time(null, prepared)
+
+
+def _is_of_time(null: Null, prepared: Prepared) -> bool:
+    """Whether a law brings the time into a model that is the same at all times."""
+    before, after = null.flat, prepared.flat
+    return ca.depends_on(after.residual, after.time) and not ca.depends_on(before.residual, before.time)
 
 
 def _better_simpler(prepared: Prepared, fit: FitResult, delta_bic: float) -> Proof | None:
