@@ -28,7 +28,7 @@ from daest.errors import DataError, Place
 from daest.files import why_no_file
 from daest.model.experiment import Experiment
 from daest.near import nearest
-from daest.quantities import conversion, may_count_turns
+from daest.quantities import Conversion, conversion, may_count_turns
 
 MOST_NAMED = 8  # recordings of a folder that a message lists
 
@@ -464,14 +464,19 @@ def _values(
                 remedy="leave the cell empty if the value is missing",
             )
         )
+    change = reading(signal, column.unit)
     if signal.sign < 0.0:
         notes.append(f"{signal.name}: column '{column.header}' with its sign turned")
-    if column.unit is None or not signal.unit:
-        return signal.sign * column.values
-    change = conversion(column.unit, signal.unit)
-    if not change.is_identity:
+    if not replace(change, scale=abs(change.scale)).is_identity:
         notes.append(f"{signal.name}: column '{column.header}' converted to {signal.unit}")
-    return signal.sign * change(column.values)
+    return change(column.values)
+
+
+def reading(signal: Signal, unit: str | None) -> Conversion:
+    """What makes of numbers in a `unit` (None: not known) those of the signal, its sign included. Raises
+    DataError where the units do not fit."""
+    plain = conversion(unit, signal.unit) if unit is not None and signal.unit else Conversion()
+    return Conversion(signal.sign * plain.scale, signal.sign * plain.offset)
 
 
 def _check_gaps(

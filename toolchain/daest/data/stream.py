@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from daest.data.grid import cell_number
-from daest.data.read import Signal, find_time, match_all, with_units
+from daest.data.read import Signal, find_time, match_all, reading, with_units
 from daest.data.table import (
     Column,
     Table,
@@ -28,7 +28,7 @@ from daest.data.table import (
 )
 from daest.errors import DataError, Place
 from daest.model.estimates import Sample
-from daest.quantities import Conversion, conversion
+from daest.quantities import Conversion
 
 SEPARATORS = (",", ";", "\t", "|")
 MOST_CHARACTERS = 1 << 20  # of one line
@@ -139,9 +139,7 @@ def line_format(
 
 
 def _cell(column: Column, signal: Signal, keys: Mapping[int, Any], unit: str | None = None) -> _Cell:
-    given = unit or column.unit
-    change = conversion(given, signal.unit) if given is not None and signal.unit else Conversion()
-    change = Conversion(signal.sign * change.scale, signal.sign * change.offset)
+    change = reading(signal, unit or column.unit)
     return _Cell(keys[id(column)], signal.name, None if change.is_identity else change)
 
 

@@ -109,6 +109,20 @@ def improve(
     if to_mend is not None:
         step = Step(None, to_mend.baseline, None, "the model as it is")
         return Improvement((step,), to_mend, to_mend.message, to_mend.baseline.hold)
+    return _improved(flat, library, experiments, validation, options, most_effects, progress)
+
+
+def _improved(
+    flat: FlatModel,
+    library: Sequence[Effect],
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment],
+    options: DiagnoseOptions,
+    most_effects: int,
+    progress: Progress,
+) -> Improvement:
+    """As `improve`, of recordings that do not contradict the model; again with another hold, or with quick
+    loads, where that says more."""
     if flat.events is not None:
         case = switching_case(flat, library, experiments, validation, options)
         return _improved_switching(_Rounds(*case, options, progress), most_effects)
@@ -125,7 +139,7 @@ def improve(
     except _OtherHoldError as other:
         progress(AGAIN.format(hold_text(other.hold)))
         again = replace(options, tried=other.hold, near=near)
-        held = improve(flat, library, experiments, validation, again, most_effects, progress)
+        held = _improved(flat, library, experiments, validation, again, most_effects, progress)
         if says_as_much(_last_added(held), other.found.proofs):
             return held
         if options.is_over:
@@ -133,13 +147,13 @@ def improve(
             return _told(path)
         progress(BACK.format(hold_text(stand.null.hold)))
         again = replace(options, tried=stand.null.hold, near=near)
-        return improve(flat, library, experiments, validation, again, most_effects, progress)
+        return _improved(flat, library, experiments, validation, again, most_effects, progress)
     nothing = _told(found)
     is_of_starts = nothing.last.is_of_starts and len(found.steps) == len(steps)
     if is_of_starts and options.slowest_load is None and not options.is_over:
         progress(QUICK)
         again = replace(options, slowest_load=without_memory(stand.null.experiments), near=near)
-        quick = improve(flat, library, experiments, validation, again, most_effects, progress)
+        quick = _improved(flat, library, experiments, validation, again, most_effects, progress)
         if says_as_much_as_starts(stand.null, _last_added(quick)):
             return quick
     if len(found.steps) > len(steps) or options.hold or options.tried or options.is_over:
@@ -149,7 +163,7 @@ def improve(
         return nothing
     progress(IN_VAIN.format(hold_text(hold)))
     again = replace(options, tried=hold, near=near)
-    other_way = improve(flat, library, experiments, validation, again, most_effects, progress)
+    other_way = _improved(flat, library, experiments, validation, again, most_effects, progress)
     return other_way if says_more(_last_added(other_way), nothing.last.proofs, stand) else nothing
 
 
