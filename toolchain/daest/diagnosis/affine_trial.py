@@ -51,7 +51,7 @@ def affine_trial(candidate: Candidate, experiments: Sequence[Experiment], model:
     problem = _problem(candidate, family, experiments)
     z = problem.unknowns.start
     theta = problem.unknowns.values(z)[0]
-    simulated = simulate(problem, theta, problem.unknowns.measurement_std)
+    simulated = simulate(replace(problem, begins_level=True), theta, problem.unknowns.measurement_std)
     if simulated is not None:
         known = replace(problem.unknowns, measurement_std=simulated.measurement_std)
         problem = replace(problem, unknowns=known, weigh=np.zeros_like(problem.weigh))
@@ -92,7 +92,7 @@ def affine_follower(
     std = problem.unknowns.measurement_std
 
     def at(theta: np.ndarray) -> tuple[np.ndarray, ...]:
-        return _outputs(problem, simulate(problem, theta, std))
+        return _outputs(problem, simulate(replace(problem, begins_level=True), theta, std))
 
     return at
 

@@ -20,7 +20,7 @@ from daest.diagnosis.trial import (
     variables_along,
 )
 from daest.estimation.coordinates import Unknowns, objective
-from daest.estimation.nonlinear_start import begun_best, limits
+from daest.estimation.nonlinear_start import at_rest, begun_best, limits
 from daest.estimation.observer import Observer, average_model, observer
 from daest.estimation.search import minimise
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
@@ -64,11 +64,11 @@ def nonlinear_trial(candidate: Candidate, experiments: Sequence[Experiment], mod
     problem, z = _begun(_problem(candidate, experiments, model))
     simulated = prediction_errors(problem, z)
     known = np.array([output.noise_std is not None for output in flat.outputs], dtype=bool)
-    predicted, std, cov = simulated, np.zeros(0), np.zeros(0)
+    predicted, std, cov = _with_past(problem, z, simulated), np.zeros(0), np.zeros(0)
     notes: tuple[str, ...] = ()
     is_output_error = not any(noise.intensity for noise in flat.noises)
-    if simulated is not None and is_output_error:
-        cov = simulated.covariance
+    if predicted is not None and is_output_error:
+        cov = predicted.covariance
     elif simulated is not None and explicit.flat.events is not None:
         predicted = None
         if not np.all(known):
@@ -156,13 +156,19 @@ def _sizes(problem: TrajectoryProblem, starts: np.ndarray) -> np.ndarray:
 def _begun(problem: TrajectoryProblem) -> tuple[TrajectoryProblem, np.ndarray]:
     """The problem in the scales of the initial states that fit the recordings best, and these (n_z,)."""
     z = (_starts(problem) / problem.state_scale).ravel()
-    scaled, found = begun_best(problem, z, *limits(problem), ITERATIONS)
+    scaled, found = begun_best(problem, *at_rest(problem, z, problem.long_past(z)), ITERATIONS)
     return (problem, z) if found is None else (scaled, found.z)
 
 
 def _searched(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
     found = minimise(objective(problem), z, *limits(problem), ITERATIONS)
     return z if found is None else found.z
+
+
+def _with_past(problem: TrajectoryProblem, z: np.ndarray, simulated: Errors | None) -> Errors | None:
+    """Simulated with whatever long delays kept when the recordings began: what nobody recorded tells nothing
+    against a model."""
+    return prediction_errors(problem, _searched(problem, z)) if np.any(problem.long_past(z)) else simulated
 
 
 def _observer(candidate: Candidate, problem: TrajectoryProblem, simulated: Errors) -> Observer | None:

@@ -20,6 +20,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, with_noise
 from daest.diagnosis.screen import ATOL_OF_SCALE, RTOL, NullObserver, run_null
 from daest.errors import DaestError
+from daest.estimation.delay_starts import long_past_of
 from daest.estimation.observer import observer
 from daest.estimation.records import n_observed
 from daest.model.diagnosis import Ahead, Confirmed
@@ -344,6 +345,7 @@ def misfit(
     loads = {load.name for load in null.loads}
     names = null.explicit.state_names
     free = np.array([name not in loads and name.partition(".")[0] != resting for name in names])
+    free &= ~_shaped(null, experiments)
 
     def begun(experiment: Experiment) -> np.ndarray:
         return np.where(free, initial_point(null.explicit, null.theta, experiment.inputs[0])[0], 0.0)
@@ -388,7 +390,7 @@ def steady_misfit(
     lasting = flat.with_theta({f"{load.name}.T": CONSTANT * duration for load in null.loads})
     still = replace(null, flat=lasting, explicit=replace(explicit, flat=lasting))
     model = integrator(still.explicit)
-    root, free = np.diag(1.0 / null.measurement_std), np.ones(len(explicit.state_names), dtype=bool)
+    root, free = np.diag(1.0 / null.measurement_std), ~_shaped(still, experiments)
     gain = np.zeros((free.size, len(flat.outputs)))
     names = flat.input_names
     driving = (one.as_driving(names) for one in experiments)
@@ -410,6 +412,7 @@ def _initial_state(
     begin = initial_point(null.explicit, null.theta, experiment.inputs[0])[0]
     loads = {load.name for load in null.loads}
     free = np.array([name not in loads for name in null.explicit.state_names])
+    free &= ~_shaped(null, [experiment])
     begin = np.where(free, begin, 0.0)
     n = min(START_SAMPLES, experiment.n_samples)
     at_once = _searched_start(null, model, experiment, gain, root, begin, free, n)
@@ -422,6 +425,12 @@ def _initial_state(
         n = min(LONGER * n, experiment.n_samples)
         best = _searched_start(null, model, experiment, gain, root, best.state, free, n)
     return best.state
+
+
+def _shaped(null: Null, experiments: Sequence[Experiment]) -> np.ndarray:
+    """The states (n,) that hold a curve which a long delay would keep from before a recording: as free as
+    they are they would do what the data do."""
+    return np.any([long_past_of(null.explicit, null.theta, e) for e in experiments], axis=0)
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ class LinearEnds:
         if experiments is not None:
             records = tuple(make_record(e, self.problem.family, self.problem.hold) for e in experiments)
         problem, z = replace(self.problem, records=records), self.found[0].z
-        simulated = _agreement(problem, replace(problem, is_filtered=False).predict(z))
+        simulated = _agreement(problem, replace(problem, is_filtered=False, begins_level=True).predict(z))
         return simulated, _agreement(problem, problem.predict(z)) if problem.is_filtered else simulated
 
     def judged(self) -> tuple[End, Told]:

@@ -16,11 +16,13 @@ maximises the likelihood at every point of the search and is eliminated exactly,
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
 import numpy as np
 
 from daest.estimation.coordinates import Unknowns
+from daest.estimation.delay_starts import long_past, steady_past
 from daest.estimation.gates import FIT
 from daest.estimation.identifiability import Scores, initial_state, scores
 from daest.estimation.records import Record, observed_counts
@@ -150,8 +152,14 @@ def kalman_gains(dyn: Recursion, record: Record) -> tuple[Gains, Gains | None] |
     return varying_gains(noise, change, record.observed, start.P, start_slope.P)
 
 
-def innovations(dyn: Recursion, record: Record, gains: tuple[Gains, Gains | None] | None) -> Innovations:
-    """Residuals for x0 = 0 and their response to every initial state."""
+def innovations(
+    dyn: Recursion,
+    record: Record,
+    gains: tuple[Gains, Gains | None] | None,
+    held: np.ndarray | None = None,
+) -> Innovations:
+    """Residuals for x0 = 0 and their response to every initial state, none to those that are `held` (n,)
+    at zero."""
     K = None if gains is None else gains[0].K
     u, n = record.inputs, dyn.Phi.shape[-1]
     known = record.outputs - u @ turned(dyn.D) - dyn.d
@@ -160,7 +168,8 @@ def innovations(dyn: Recursion, record: Record, gains: tuple[Gains, Gains | None
         drive = drive + _times(_steps(K), known[:-1] * record.observed[:-1])
     drives = np.zeros((n + 1, record.n_samples - 1, n))
     drives[0] = drive
-    starts = np.vstack([np.zeros((1, n)), np.eye(n)])
+    free = np.ones(n) if held is None else ~held
+    starts = np.vstack([np.zeros((1, n)), np.diag(free.astype(float))])
     states = _recursion(_closed(dyn, K), drives, starts)
     seen = record.observed
     slope = None if gains is None else gains[1]
@@ -445,6 +454,7 @@ class Problem:
     weigh: np.ndarray
     sampled: Noise = "white"  # how process noise is sampled
     is_filtered: bool = False  # one-step predictions of the Kalman filter; else the simulation
+    begins_level: bool = False  # what long delays keep is no curve when a record begins
 
     def predict(self, z: np.ndarray, with_slopes: bool = False) -> Predicted | None:
         """At a point of the search; None where a simulation overflows or the filter does not exist."""
@@ -501,7 +511,8 @@ def simulate(
         made = shared_recursions(ss, problem, None, derivatives)
         if made is None:
             return None
-        found = tuple(innovations(d, r, None) for d, r in zip(made, problem.records, strict=True))
+        parts = zip(made, problem.records, _held_starts(problem, ss), strict=True)
+        found = tuple(innovations(dyn, record, None, held) for dyn, record, held in parts)
         if not all(np.all(np.isfinite(f.at_zero)) and np.all(np.isfinite(f.response)) for f in found):
             return None
         std, states = _weights_and_states(problem, found, given_std)
@@ -520,11 +531,11 @@ def predict(problem: Problem, z: np.ndarray, with_slopes: bool = False) -> Predi
         if made is None:
             return None
         found, gains, states, value = [], [], [], 0.0
-        for dyn, record in zip(made, problem.records, strict=True):
+        for dyn, record, held in zip(made, problem.records, _held_starts(problem, ss), strict=True):
             kalman = kalman_gains(dyn, record)
             if kalman is None:
                 return None
-            residuals = innovations(dyn, record, kalman)
+            residuals = innovations(dyn, record, kalman, held)
             if not (np.all(np.isfinite(residuals.at_zero)) and np.all(np.isfinite(residuals.response))):
                 return None
             rows = np.concatenate([residuals.at_zero[None], residuals.response])
@@ -541,6 +552,16 @@ def predict(problem: Problem, z: np.ndarray, with_slopes: bool = False) -> Predi
     if not np.isfinite(value):
         return None
     return Predicted(problem.records, tuple(found), made, tuple(gains), tuple(states), std, value)
+
+
+def _held_starts(problem: Problem, ss: StateSpace) -> Iterator[np.ndarray]:
+    """The states (n,) of every record that begin at zero."""
+    names = problem.family.state_names
+    for record in problem.records:
+        held = steady_past(names, ss.A != 0.0, ss.B != 0.0, record.inputs)
+        if problem.begins_level and record.n_samples > 1:
+            held = held | long_past(names, ss.A.__matmul__, float(np.median(np.diff(record.time))))
+        yield held
 
 
 def shared_recursions(

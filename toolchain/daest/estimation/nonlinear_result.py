@@ -19,7 +19,7 @@ from daest.estimation.identifiability import (
     without_influence,
 )
 from daest.estimation.noise_levels import Ending, average_along
-from daest.estimation.nonlinear_start import begun_best, consistent_states, limits
+from daest.estimation.nonlinear_start import at_rest, begun_best, consistent_states, limits
 from daest.estimation.observer import AverageModel
 from daest.estimation.profile import Searched
 from daest.estimation.result import (
@@ -101,22 +101,22 @@ class NonlinearEnds:
         measured = [e.outputs for e in experiments]
         if end.cut is not None and is_fitted:
             return agreement_of(names, measured, whole_errors(end.cut)[0].errors)
-        problem = problem if with_gain else replace(problem, gain=None)
-        if is_fitted and (with_gain or end.problem.gain is None):
+        problem = problem if with_gain else replace(problem, gain=None, experiments=experiments)
+        rests = np.zeros((len(experiments), problem.n_states), dtype=bool)
+        if not with_gain:
+            rests = problem.long_past(end.found.z)
+        if is_fitted and (with_gain or end.problem.gain is None) and not np.any(rests):
             # What was searched: the initial states are the best ones.
             errors = prediction_errors(problem, end.found.z)
             return agreement_of(names, measured, None if errors is None else errors.errors)
         problem = replace(problem, experiments=experiments).held_at(end.found.z)
-        lower, upper = limits(problem)
         if is_fitted:
             z = end.found.z[len(self.setup.unknowns.coordinates) :]
         else:
             z = (consistent_states(problem, np.zeros(0)) / problem.state_scale).ravel()
-            if self.at_rest and not with_gain:
-                names_at_rest = np.isin(problem.model.explicit.state_names, self.at_rest)
-                rests = np.tile(names_at_rest, len(experiments))
-                lower, upper, z = (np.where(rests, 0.0, part) for part in (lower, upper, z))
-        problem, found = begun_best(problem, z, lower, upper, iterations, is_near=is_fitted)
+            if not with_gain:
+                rests = rests | np.isin(problem.model.explicit.state_names, self.at_rest)
+        problem, found = begun_best(problem, *at_rest(problem, z, rests), iterations, is_near=is_fitted)
         errors = None if found is None else prediction_errors(problem, found.z)
         return agreement_of(names, measured, None if errors is None else errors.errors)
 

@@ -204,11 +204,20 @@ def begun_best(
 def limits(problem: TrajectoryProblem) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the search vector. Shapes: lower and upper bounds (n_z,)."""
     n_initial = len(problem.experiments) * problem.n_states
-    initial = np.full(n_initial, FIT.state_range)
+    initial = np.where(problem.held_starts.ravel(), 0.0, np.full(n_initial, FIT.state_range))
     logs = np.full(0 if problem.family is None else problem.family.n_logs, LONGEST_LOG)
     lower = np.concatenate([problem.unknowns.lower, -initial, -logs])
     upper = np.concatenate([problem.unknowns.upper, initial, logs])
     return lower, upper
+
+
+def at_rest(
+    problem: TrajectoryProblem, z: np.ndarray, rests: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """z and its bounds, all (n_z,), of a problem with initial states alone, where those that `rests`
+    (n_experiments, n_states) tells begin at zero."""
+    lower, upper, begun = (np.where(rests.ravel(), 0.0, part) for part in (*limits(problem), z))
+    return begun, lower, upper
 
 
 def with_hold(

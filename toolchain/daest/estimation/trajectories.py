@@ -13,9 +13,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from daest.estimation.coordinates import Unknowns
+from daest.estimation.delay_starts import long_past_of, shapes_of_past, steady_past
 from daest.estimation.gain_family import GainFamily
 from daest.estimation.gates import FIT
 from daest.estimation.search import Objective
@@ -99,6 +101,21 @@ class TrajectoryProblem:
     @property
     def is_predictor(self) -> bool:
         return self.gain is not None or self.family is not None
+
+    @cached_property
+    def held_starts(self) -> np.ndarray:
+        """Which initial states (n_experiments, n_states) stay at zero, whatever the data are."""
+        names, rhs = self.model.explicit.state_names, self.model.explicit.rhs
+        if not np.any(shapes_of_past(names)):
+            return np.zeros((len(self.experiments), len(names)), dtype=bool)
+        by_state, by_input = (ca.DM(rhs.jac_sparsity(0, i), 1).full() != 0.0 for i in (0, 1))
+        return np.array([steady_past(names, by_state, by_input, e.inputs) for e in self.experiments])
+
+    def long_past(self, z: np.ndarray) -> np.ndarray:
+        """Which initial states (n_experiments, n_states) are the shape of what a long delay keeps. Shapes: z
+        (n_z,)."""
+        explicit, theta = self.model.explicit, self.theta(z)
+        return np.array([long_past_of(explicit, theta, e) for e in self.experiments])
 
     def held_at(self, z: np.ndarray) -> TrajectoryProblem:
         """The problem with its parameters held as in z: only initial states are searched. Shapes: z
