@@ -15,6 +15,7 @@ from daest.diagnosis.screen import run_null
 from daest.diagnosis.unseen import (
     Foreseen,
     Innovations,
+    _kept,
     _stretches,
     adds_up,
     compared,
@@ -43,20 +44,42 @@ def errors(rng, sizes):
     return rng.standard_normal((len(sizes), 10, 1)) * np.asarray(sizes)[:, None, None]
 
 
+def told(samples, made, kept=10.0):
+    """The errors of values that stay what they are have the size `kept`."""
+    return Foreseen({samples: made}, {samples: np.full(made.shape, kept)})
+
+
 def test_better_worse_and_chance():
     rng = np.random.default_rng(1)
     base = errors(rng, [1.0] * 40)
-    large = Foreseen({10: base + 1.0})
-    small = Foreseen({10: base})
+    large, small = told(10, base + 1.0), told(10, base)
     (one,) = compared(large, small, 0.1)
     assert one.samples == 10 and one.seconds == pytest.approx(1.0)
     assert is_better(one) and not is_worse(one) and one.ratio == pytest.approx(1 / np.sqrt(2), rel=0.1)
     (back,) = compared(small, large, 0.1)
     assert is_worse(back) and not is_better(back)
-    found = [compared(Foreseen({1: errors(rng, [1.0] * 40)}), Foreseen({1: errors(rng, [1.0] * 40)}), 1.0)[0]
+    found = [compared(told(1, errors(rng, [1.0] * 40)), told(1, errors(rng, [1.0] * 40)), 1.0)[0]
              for _ in range(100)]  # fmt: skip
     assert sum(is_better(a) for a in found) <= 3 and sum(is_worse(a) for a in found) <= 3
     assert compared(None, small, 1.0) == () == compared(small, None, 1.0)
+
+
+def test_what_is_foreseen_best_by_its_last_value_speaks_against_nothing():
+    base = errors(np.random.default_rng(1), [1.0] * 40)
+    (one,) = compared(told(1, base, kept=0.5), told(1, 3.0 * base), 0.1)
+    assert not is_worse(one) and one.kept == pytest.approx(0.5, rel=0.1) and one.ratio > 2.9
+    (other,) = compared(told(1, base, kept=2.0), told(1, 3.0 * base), 0.1)
+    assert is_worse(other)
+
+
+def test_values_that_are_kept_are_the_last_ones_measured_before_a_stretch():
+    y = np.arange(200.0)[:, None]
+    y[105] = np.nan
+    one = _kept(y, 1)
+    assert one.shape == (9, 20, 1) and np.all(one[:4] == 1.0)
+    assert np.isnan(one[4, 5, 0]) and one[4, 6, 0] == 2.0
+    three = _kept(y, 3)
+    assert np.array_equal(three[0].ravel(), [1.0, 2.0, 3.0])
 
 
 def test_effect_that_acts_seldom_is_judged_where_it_acts():
@@ -64,7 +87,7 @@ def test_effect_that_acts_seldom_is_judged_where_it_acts():
     rest = errors(rng, [1.0] * 200)
     without = rest.copy()
     without[:8] += 4.0
-    (one,) = compared(Foreseen({10: without}), Foreseen({10: rest}), 1.0)
+    (one,) = compared(told(10, without), told(10, rest), 1.0)
     assert is_better(one) and one.ratio < 0.35, "not the 0.8 of the whole record"
 
 

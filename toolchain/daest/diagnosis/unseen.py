@@ -50,9 +50,10 @@ LOUDER = 10.0 ** np.arange(-12, 13)  # times the loads of the fit
 @dataclass(frozen=True)
 class Foreseen:
     """Errors of every stretch at every horizon (samples), each (n_stretches, length, n_y), NaN where nothing
-    was measured."""
+    was measured; `kept` are those of values that stay what they were before the stretch."""
 
     errors: dict[int, np.ndarray]
+    kept: dict[int, np.ndarray]
 
 
 def foreseen(run: NullObserver, experiments: Sequence[Experiment]) -> Foreseen | None:
@@ -75,7 +76,8 @@ def foreseen(run: NullObserver, experiments: Sequence[Experiment]) -> Foreseen |
                 errors[h] = np.concatenate(list(found))
     except IntegrationError:
         return None
-    return Foreseen(errors)
+    kept = {h: np.concatenate([_kept(e.outputs, h) for e in experiments]) for h in errors}
+    return Foreseen(errors, kept)
 
 
 @dataclass(frozen=True)
@@ -195,7 +197,7 @@ def compared(before: Foreseen | None, after: Foreseen | None, period: float) -> 
         return ()
     found = []
     for h, old in before.errors.items():
-        without, with_effect = _where_they_differ(old, after.errors[h])
+        without, with_effect, kept = _where_they_differ(old, after.errors[h], before.kept[h])
         if without.size < FEWEST_STRETCHES or not np.mean(without) > 0.0:
             continue
         gain = without - with_effect
@@ -206,32 +208,41 @@ def compared(before: Foreseen | None, after: Foreseen | None, period: float) -> 
                 seconds=h * period,
                 ratio=float(np.sqrt(np.mean(with_effect) / np.mean(without))),
                 certainty=float(np.mean(gain)) / error if error > 0.0 else 0.0,
+                kept=float(np.sqrt(np.mean(kept) / np.mean(without))),
             )
         )
     return tuple(found)
 
 
-def _where_they_differ(old: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean squared errors (n,) of two models over the stretches that hold GATES.acting_share of the squared
-    difference between them, which knows nothing of who is right. Every output counts alike."""
+def _where_they_differ(
+    old: np.ndarray, new: np.ndarray, kept: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean squared errors (n,) of two models, and of values that are `kept`, over the stretches that hold
+    GATES.acting_share of the squared difference between the models, which knows nothing of who is right.
+    Every output counts alike."""
     with np.errstate(invalid="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a stretch without a measured value
         size = np.nanmean(old**2, axis=(0, 1))
         seen = size > 0.0
-        a, b, apart = (
-            np.nanmean(part[:, :, seen] ** 2 / size[seen], axis=(1, 2)) for part in (old, new, new - old)
-        )
-    known = np.isfinite(a) & np.isfinite(b)
-    a, b, apart = a[known], b[known], apart[known]
+        parts = (old, new, kept, new - old)
+        sizes = np.array([np.nanmean(one[:, :, seen] ** 2 / size[seen], axis=(1, 2)) for one in parts])
+    a, b, still, apart = sizes[:, np.all(np.isfinite(sizes), axis=0)]
     order = np.argsort(-apart)
     share = np.cumsum(apart[order])
     n = int(np.searchsorted(share, GATES.acting_share * share[-1])) + 1 if share.size else 0
     chosen = order[: max(n, FEWEST_STRETCHES)]
-    return a[chosen], b[chosen]
+    return a[chosen], b[chosen], still[chosen]
 
 
 def is_worse(one: Ahead) -> bool:
-    return one.ratio > 1.0 + GATES.same_unseen_error and one.certainty < -GATES.unseen_significance
+    """Clearly, where the model without the effect foresees more than that nothing changes. A sensor that is
+    quiet or coarse beside what moves in a sample is foreseen best by its last value: an observer that hangs
+    on it is no machine."""
+    return (
+        one.kept > 1.0
+        and one.ratio > 1.0 + GATES.same_unseen_error
+        and one.certainty < -GATES.unseen_significance
+    )
 
 
 def is_better(one: Ahead) -> bool:
@@ -494,11 +505,8 @@ def _stretches(
 ) -> np.ndarray:
     """Errors (n_stretches, length, n_y) over `horizon` samples without the data, between stretches in which
     the observer follows them."""
-    n = experiment.n_samples
-    follows = TAKES_UP if horizon > 1 else 0
-    round_length = follows + horizon
-    is_left = np.arange(n) % round_length >= follows
-    gains = np.broadcast_to(run.gain, (n, *run.gain.shape))
+    is_left = _left_alone(experiment.n_samples, horizon)
+    gains = np.broadcast_to(run.gain, (is_left.size, *run.gain.shape))
     if horizon > 1:
         gains = np.where(is_left[:, None, None], 0.0, gains)
     made = integrate(
@@ -506,11 +514,33 @@ def _stretches(
         correction=Correction(experiment.outputs, np.ascontiguousarray(gains)),
         rtol=RTOL, atol_of_scale=ATOL_OF_SCALE, state_scale=run.sizes,
     )  # fmt: skip
-    errors = experiment.outputs - made.outputs
+    return _in_stretches(experiment.outputs - made.outputs, horizon)
+
+
+def _kept(y: np.ndarray, horizon: int) -> np.ndarray:
+    """Errors (n_stretches, length, n_y) of outputs (n, n_y) that stay over a stretch what was measured last
+    before it; NaN before the first value."""
+    is_left = _left_alone(len(y), horizon)
+    told = np.isfinite(y) & (~is_left[:, None] if horizon > 1 else True)
+    last = np.maximum.accumulate(np.where(told, np.arange(len(y))[:, None], -1))
+    last = np.vstack([np.full((1, y.shape[1]), -1), last[:-1]])
+    return _in_stretches(y - np.where(last < 0, np.nan, np.take_along_axis(y, last, 0)), horizon)
+
+
+def _left_alone(n: int, horizon: int) -> np.ndarray:
+    """The samples (n,) over which nothing corrects an observer that takes up between them."""
+    follows = TAKES_UP if horizon > 1 else 0
+    return np.arange(n) % (follows + horizon) >= follows
+
+
+def _in_stretches(errors: np.ndarray, horizon: int) -> np.ndarray:
+    """The errors (n, n_y) of the samples left alone as (n_stretches, length, n_y), without the first stretch,
+    in which the observer settles."""
+    n, round_length = len(errors), (TAKES_UP if horizon > 1 else 0) + horizon
+    is_left = _left_alone(n, horizon)
     if horizon == 1:  # in batches, so that a stretch is a stretch
-        round_length, is_left = TAKES_UP, np.ones(n, dtype=bool)
-    first = round_length if n > 4 * round_length else 0  # the observer settles
+        round_length = TAKES_UP
+    first = round_length if n > 4 * round_length else 0
     starts = range(first, n - round_length + 1, round_length)
     parts = [errors[a : a + round_length][is_left[a : a + round_length]] for a in starts]
-    length = int(is_left[:round_length].sum())
-    return np.array(parts).reshape(len(parts), length, errors.shape[1])
+    return np.array(parts).reshape(len(parts), int(is_left[:round_length].sum()), errors.shape[1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -228,12 +229,13 @@ class LearnedLoad:
 class Ahead:
     """Unseen data foreseen `samples` (`seconds`) ahead: the error with an effect in the model relative to the
     one without (rms over all outputs), and how many standard errors the difference of their squares is from
-    none."""
+    none. `kept` is the error of values that stay what they are, relative to that without the effect."""
 
     samples: int
     seconds: float
     ratio: float
     certainty: float
+    kept: float = math.inf
 
 
 @dataclass(frozen=True)
