@@ -1,8 +1,8 @@
 """What MkDocs needs of this site beside its pages: reference from the code, numbers of the study, formulas.
 
-The pages below `reference/` exist only in the site. `theory.md`, `trust.md` and `machines.md` are templates, filled
-with the limits of the code, the rates of the studies and the machines of `machines.toml`. Formulas become MathML, which
-browsers draw without a script.
+The pages below `reference/` exist only in the site. `theory.md`, `trust.md` and `machines.md` are templates,
+filled with the limits of the code, the rates of the studies and the machines of `machines.toml`. Formulas
+become MathML, which browsers draw without a script.
 """
 
 from __future__ import annotations
@@ -254,13 +254,7 @@ def machines() -> dict[str, Any]:
     for section in kept["section"]:
         rows = [row for row in kept["row"] if row["section"] == section["id"]]
         counts.append((f"[{section['title']}](#{slugify(section['title'], '-')})", *counted(rows)))
-        head = (
-            "machine",
-            "known to be missing",
-            "what daest says",
-            "error on unseen data",
-            "judged",
-        )
+        head = ("machine", "known to be missing", "what daest says", "error on unseen data", "judged")
         lines = table(head, [machine_row(row) for row in rows])
         sections.append({**section, "counted": counts_told(rows), "table": "\n".join(lines)})
     counts.append(("all", *counted(kept["row"])))
@@ -270,13 +264,13 @@ def machines() -> dict[str, Any]:
         "counts": "\n".join(table(("", "rows", *JUDGED, "first answer told", "right at first"), counts)),
         "batches": "\n".join(table(("machines", "at first", "now"), batches)),
         "n_rows": len(kept["row"]),
-        "n_wrong": sum(row["judged"] == "wrong" for row in kept["row"]),
+        "wrong": "; ".join(f"[{r['machine']}](#{r['id']})" for r in kept["row"] if r["judged"] == "wrong"),
     }
 
 
 def machine_row(row: Mapping[str, str]) -> tuple[str, ...]:
     """The cells of a machine; its id is an anchor."""
-    source = f" ({row['source']})" if "source" in row else ""
+    source = f"<br>{row['source']}" if "source" in row else ""
     said = f". *At first: {row['first_said']}.*" if "first_said" in row else ""
     judged = [row["judged"]]
     if "first" in row:

@@ -1,4 +1,4 @@
-"""The machines of the documentation: every row is whole, every count is that of its rows, every row is on the page."""
+"""The machines of the documentation: every row is whole and on its page, counts are those of the rows."""
 
 import importlib.util
 import re
@@ -122,6 +122,11 @@ def test_counts_are_those_of_the_rows(page, generate):
         for word in JUDGED:
             n = sum(row["judged"] == word for row in rows)
             assert (f" {n} {word}" in told) is (n > 0)
+
+
+def test_what_is_wrong_today_is_said_first(page):
+    told = re.search(r"^Wrong today: (.*)\.$", page, re.MULTILINE)[1]
+    assert re.findall(r"\(#([\w-]+)\)", told) == [r["id"] for r in ROWS if r["judged"] == "wrong"]
 
 
 def test_words_are_explained(page):
