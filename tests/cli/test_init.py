@@ -146,6 +146,32 @@ def test_descriptions_name_columns_and_parameters_are_proposed(box, daest):
     assert load_project().parameters["C"].estimate
 
 
+COMPONENTS = """model Wall
+  Daest.Thermal.HeatTransfer.Sources.PrescribedHeatFlow heater;
+  Daest.Thermal.HeatTransfer.Components.HeatCapacitor room(C = 4e5);
+  Daest.Thermal.HeatTransfer.Components.ThermalConductor wall(G = 30);
+  Daest.Thermal.HeatTransfer.Sources.FixedTemperature outside;
+  Daest.Noise.WhiteHeatFlow wind(intensity = 10);
+  input Real P(unit = "W");
+  output Real T(unit = "K");
+equation
+  heater.Q_flow = P;
+  connect(heater.port, room.port);
+  connect(wind.port, room.port);
+  connect(room.port, wall.port_a);
+  connect(wall.port_b, outside.port);
+  T = room.T;
+end Wall;
+"""
+
+
+def test_what_a_model_gives_its_components_is_proposed_where_it_has_nothing_of_its_own(box, daest):
+    (box / "Wall.mo").write_text(COMPONENTS)
+    document = json.loads(daest("init", "Wall.mo", "box.csv", "--format", "json")[1])
+    # Not what stands at the default of its class, nor a noise, which is estimated as one.
+    assert document["estimate"] == document["proposed"] == ["room.C", "wall.G"]
+
+
 def test_parameters_chosen_on_the_command_line_are_written(box, daest):
     options = ["--fix", "C=5e5", "--set", "G=20", "--estimate", "G", "--estimate", "share"]
     code, out, err = daest("init", "Box.mo", "box.csv", *options, "--prior", "share=0.5,0.1")

@@ -27,6 +27,7 @@ VOLTAGE = "3.2 + 0.9*z - R*i"
 FORMS = {
     "equation": CELL.format(binding="", equation=f"\n  u = {VOLTAGE};"),
     "binding": CELL.format(binding=f" = {VOLTAGE}", equation=""),
+    "measured": CELL.format(binding=';\n  Real v(unit = "V")', equation=f"\n  v = {VOLTAGE};\n  u = v;"),
     "charged": CELL.format(binding="", equation=f"\n  u = {VOLTAGE.replace('- R', '+ R')};"),
 }
 TIME = np.linspace(0.0, 60.0, 31)

@@ -33,8 +33,8 @@ def command(
     """Write a commented daest.toml for MODEL and the recordings DATA.
 
     Columns are matched with inputs and outputs by name, or proposed by description and unit. Where the model
-    marks no parameter as unknown, those that it declares itself with a unit are proposed. An existing file is
-    not touched.
+    marks no parameter as unknown, those with a unit that it declares itself are proposed, or else those that
+    it gives to its components. An existing file is not touched.
     """
     from daest.cli.check import checked
     from daest.cli.models import model_source
@@ -47,7 +47,7 @@ def command(
     _refuse_existing(file)
     model, data = model_source(Project(Path()), files.model), files.data
     source = model_options.load(Project(Path()), model)
-    flat, proposed = _chosen(source, parameters)
+    flat, proposed = _chosen(source, parameters, _given_to_components(model, source))
     tables = [read_table(path) for path in data]
     inputs = [Signal(v.name, v.unit) for v in flat.inputs]
     outputs = [Signal(y.name, y.unit) for y in flat.outputs]
@@ -85,27 +85,39 @@ def _refuse_existing(file: Path) -> None:
         )
 
 
-def _chosen(source: Model, parameters: ParameterOptions) -> tuple[Model, tuple[str, ...]]:
+def _given_to_components(path: Path, source: Model) -> frozenset[str]:
+    """Parameters of components that the text of the model sets; none of an FMU."""
+    from daest.modelica.modifications import modified_names
+
+    return modified_names(path.read_bytes(), source.name) if path.suffix == ".mo" else frozenset()
+
+
+def _chosen(
+    source: Model, parameters: ParameterOptions, given: frozenset[str]
+) -> tuple[Model, tuple[str, ...]]:
     """The model with the parameters that the command line chooses, and which of the estimated ones are a
     proposal."""
     from daest.modelica.change import declare
 
-    proposed = () if parameters.estimate else _proposed(source)
+    proposed = () if parameters.estimate else _proposed(source, given)
     flat = parameters.applied(declare(source, estimate=proposed) if proposed else source)
     return flat, tuple(p.name for p in flat.parameters if p.estimate and p.name in proposed)
 
 
-def _proposed(flat: Model) -> tuple[str, ...]:
+def _proposed(flat: Model, given: frozenset[str]) -> tuple[str, ...]:
     """What to estimate where the model marks nothing: the parameters that it declares itself (no part of a
-    component) with a unit and a value other than zero. What is zero is the place of something, and a number
-    without a unit is a ratio that somebody chose."""
+    component), or else those `given` to its components, with a unit and a value other than zero. What is zero
+    is the place of something, and a number without a unit is a ratio that somebody chose."""
     if any(parameter.estimate for parameter in flat.parameters):
         return ()
-    return tuple(
+    noises = {f"{noise.name.rpartition('.')[0]}.intensity" for noise in flat.noises}
+    may_be = [
         p.name
         for p in flat.parameters
-        if "." not in p.name and p.unit not in ("", "1") and p.value != 0.0 and not p.is_memory
-    )
+        if p.unit not in ("", "1") and p.value != 0.0 and not p.is_memory and p.name not in noises
+    ]
+    own = tuple(name for name in may_be if "." not in name)
+    return own or tuple(name for name in may_be if name in given)
 
 
 def _other_choice(source: Model, flat: Model) -> set[str]:

@@ -156,6 +156,15 @@ def redeclared_name(words: Sequence[Token]) -> Token | None:
     return words[-1]
 
 
+def modified_names(text: bytes, class_name: str) -> frozenset[str]:
+    """What a class gives its components by modifications, `motor.J` of `Inertia motor(J = 1)`."""
+    head = next((one for one in class_heads(text) if one.name == class_name), None)
+    if head is None:
+        return frozenset()
+    components = _components(class_tokens(text, head))
+    return frozenset(f"{name}.{one.name}" for name, given in components for one in given)
+
+
 def names_of(text: bytes, heads: Sequence[ClassHead], head: ClassHead) -> frozenset[str] | None:
     """Names outside of brackets in a class and in those that it extends; None if one of them is in another
     file."""

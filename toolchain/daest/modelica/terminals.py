@@ -41,8 +41,23 @@ def terminals(flat: FlatModel) -> list[Terminal]:
 
 
 def _terminal(flat: FlatModel, output: int, current: int) -> Terminal | None:
-    slope = ca.jacobian(flat.output_expressions[output], flat.u[current])
+    slope = ca.jacobian(_solved(flat, output), flat.u[current])
     if not is_of_parameters(flat, slope):
         return None
     value = given_value(flat, slope)
     return Terminal(output, current, float(np.sign(value))) if value else None
+
+
+def _solved(flat: FlatModel, output: int) -> ca.SX:
+    """The output as an expression: where it is an unknown that a single row of the model gives and nothing
+    else uses, by that row."""
+    told = flat.output_expressions[output]
+    named = [k for k in range(flat.n) if ca.is_equal(told, flat.xi[k])]
+    if not named:
+        return told
+    own = flat.xi[named[0]]
+    rows = [i for i in range(flat.n) if ca.depends_on(flat.residual[i], own)]
+    if len(rows) != 1 or ca.depends_on(flat.residual, flat.derivatives[named[0]]):
+        return told
+    factor = ca.jacobian(flat.residual[rows[0]], own)
+    return told - flat.residual[rows[0]] / factor if is_of_parameters(flat, factor) else told
