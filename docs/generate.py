@@ -1,7 +1,8 @@
 """What MkDocs needs of this site beside its pages: reference from the code, numbers of the study, formulas.
 
-The pages below `reference/` exist only in the site. `theory.md` and `trust.md` are templates, filled with the
-limits of the code and the rates of the studies. Formulas become MathML, which browsers draw without a script.
+The pages below `reference/` exist only in the site. `theory.md`, `trust.md` and `machines.md` are templates,
+filled with the limits of the code, the rates of the studies and the machines of `machines.toml`. Formulas
+become MathML, which browsers draw without a script.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import gc
 import html
 import json
 import re
+import tomllib
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
@@ -18,6 +21,7 @@ from typing import Any
 import click
 import jinja2
 from latex2mathml.converter import convert
+from markdown.extensions.toc import slugify
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -45,7 +49,10 @@ PICTURES = {"speed": "servo/speed.png", "staircase": "servo_hidden/staircase.png
 RATES = Path(__file__).with_name("rates.json")
 BLACK_BOX_RATES = Path(__file__).with_name("black_box_rates.json")
 WRONG_RATES = Path(__file__).with_name("wrong_models_rates.json")
-TEMPLATES = ("theory.md", "trust.md")
+MACHINES = Path(__file__).with_name("machines.toml")
+# How an answer is judged, in the order of the counts; a first answer may besides be "not right".
+JUDGED = ("right", "honest", "wrong", "open", "no answer")
+TEMPLATES = ("machines.md", "theory.md", "trust.md")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 TAG = re.compile(r"\\tag\{(.*?)\}")
 
@@ -236,6 +243,65 @@ def kind(entry: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
     return text
 
 
+# Machines ---------------------------------------------------------------------------------------------------
+
+
+def machines() -> dict[str, Any]:
+    """The tables of machines.md: counts, one for each section, and what was taken together."""
+    kept = tomllib.loads(MACHINES.read_text(encoding="utf-8"))
+    sections = []
+    counts = []
+    for section in kept["section"]:
+        rows = [row for row in kept["row"] if row["section"] == section["id"]]
+        counts.append((f"[{section['title']}](#{slugify(section['title'], '-')})", *counted(rows)))
+        head = ("machine", "known to be missing", "what daest says", "error on unseen data", "judged")
+        lines = table(head, [machine_row(row) for row in rows])
+        sections.append({**section, "counted": counts_told(rows), "table": "\n".join(lines)})
+    counts.append(("all", *counted(kept["row"])))
+    batches = [(batch["name"], batch["first"], batch["since"]) for batch in kept["batch"]]
+    return {
+        "sections": sections,
+        "counts": "\n".join(table(("", "rows", *JUDGED, "first answer told", "right at first"), counts)),
+        "batches": "\n".join(table(("machines", "at first", "now"), batches)),
+        "n_rows": len(kept["row"]),
+        "wrong": "; ".join(f"[{r['machine']}](#{r['id']})" for r in kept["row"] if r["judged"] == "wrong"),
+    }
+
+
+def machine_row(row: Mapping[str, str]) -> tuple[str, ...]:
+    """The cells of a machine; its id is an anchor."""
+    source = f"<br>{row['source']}" if "source" in row else ""
+    said = f". *At first: {row['first_said']}.*" if "first_said" in row else ""
+    judged = [row["judged"]]
+    if "first" in row:
+        judged.append("at first, too" if row["first"] == row["judged"] else f"at first {row['first']}")
+    if "time" in row:
+        judged.append(row["time"])
+    return (
+        f'<a id="{row["id"]}"></a>{row["machine"]}{source}',
+        row["missing"],
+        row["says"] + said,
+        row.get("error", ""),
+        "; ".join(judged),
+    )
+
+
+def counted(rows: list[Mapping[str, str]]) -> tuple[str, ...]:
+    """Rows, how they are judged, first answers that are told, and those that were right."""
+    judged = Counter(row["judged"] for row in rows)
+    first = [row["first"] for row in rows if "first" in row]
+    numbers = (len(rows), *(judged[word] for word in JUDGED), len(first), first.count("right"))
+    return tuple(str(number) for number in numbers)
+
+
+def counts_told(rows: list[Mapping[str, str]]) -> str:
+    """The same in a sentence."""
+    n, *judged, n_first, n_right = counted(rows)
+    words = [f"{k} {word}" for k, word in zip(judged, JUDGED, strict=True) if k != "0"]
+    first = f" First answers are told for {n_first}, {n_right} of them right." if n_first != "0" else ""
+    return f"{n} rows: {', '.join(words)}.{first}"
+
+
 # Text -------------------------------------------------------------------------------------------------------
 
 
@@ -251,6 +317,7 @@ def filled(markdown: str) -> str:
         rates=rates,
         box=box,
         wrong=wrong,
+        machines=machines(),
         gates=GATES,
         formulas=formulas,
         thresholds=(

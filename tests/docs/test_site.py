@@ -199,7 +199,14 @@ def test_rates_stand_on_the_page(site):
 
 
 # One page of each kind; all of them in a slow test.
-KINDS = ("index.html", "theory.html", "trust.html", "how-to/python.html", "reference/commands.html")
+KINDS = (
+    "index.html",
+    "theory.html",
+    "trust.html",
+    "machines.html",
+    "how-to/python.html",
+    "reference/commands.html",
+)
 
 
 @pytest.mark.browser
