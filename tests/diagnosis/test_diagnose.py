@@ -280,6 +280,10 @@ def test_too_short_a_record_is_refused():
     with pytest.raises(EstimationError) as caught:
         diagnosed(rotor_record(300, seed=1)[0])
     assert caught.value.code == "diagnose-too-short" and "400 samples" in caught.value.remedy
+    assert "more of the 300 that there are estimate: --split 0.67" in caught.value.remedy
+    with pytest.raises(EstimationError) as caught:
+        diagnosed(rotor_record(210, seed=1)[0])
+    assert "--split" not in caught.value.remedy
 
 
 def test_outputs_that_never_change_are_refused():

@@ -350,6 +350,15 @@ def halved(
     return first, second
 
 
+def _divided_otherwise(n_samples: int, validation: Sequence[Experiment]) -> str:
+    """How recordings that are long enough as a whole may be divided; empty where they are not."""
+    whole = n_samples + sum(e.n_samples for e in validation)
+    share = float(np.ceil(100.0 * GATES.min_samples / whole)) / 100.0
+    if share > 1.0 - GATES.least_kept_back:
+        return ""
+    return f", or let more of the {whole} that there are estimate: --split {share:g}"
+
+
 def _divided(
     experiments: tuple[Experiment, ...], validation: tuple[Experiment, ...]
 ) -> tuple[tuple[Experiment, ...], tuple[Experiment, ...]]:
@@ -360,7 +369,8 @@ def _divided(
             "diagnose-too-short",
             f"{n_samples} samples to diagnose from cannot tell a missing effect from noise",
             remedy=f"record at least {2 * GATES.min_samples} samples (half are kept for validation) that "
-            "move the machine through its whole range, in both directions and through rest",
+            "move the machine through its whole range, in both directions and through rest"
+            + _divided_otherwise(n_samples, validation),
         )
     signals = [y[np.isfinite(y)] for e in experiments for y in e.outputs.T]
     if all(is_constant(y) for y in signals if y.size):
