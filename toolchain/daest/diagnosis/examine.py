@@ -22,7 +22,7 @@ from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, grown, open_hold, with_other_hold
 from daest.diagnosis.open_loop import driven_share, open_screen
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
-from daest.diagnosis.reasons import is_significant
+from daest.diagnosis.reasons import is_significant, unmoved
 from daest.diagnosis.recorded_late import gain_of_earlier_inputs
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.diagnosis.stages import DynamicTasks, dynamic_effects
@@ -115,7 +115,7 @@ def _examined(
         loads,
         stand.told,
         unproved,
-        validation=stand.validation,
+        still=unmoved(null.experiments, stand.validation),
     )
     if proofs and not options.is_over:
         evidence = replace(evidence, earlier=gain_of_earlier_inputs(null))

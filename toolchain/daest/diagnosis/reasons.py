@@ -33,13 +33,27 @@ ALONG = 200  # values of a signal at which a bend of it is looked at
 PLACED = 0.5  # of what its variable reaches, from which a shape is looked for as a place along it
 
 
-def unmoved(validation: Sequence[Experiment]) -> str:
-    """Why unseen data confirm nothing in which no input and no output of any recording changes: they tell one
-    level of every output, which any law with a parameter more may hit. Empty where something changes."""
-    signals = [s[np.isfinite(s)] for e in validation for s in (*e.inputs.T, *e.outputs.T)]
-    if not validation or not all(is_constant(s) for s in signals if s.size):
+def unmoved(fitted: Sequence[Experiment], validation: Sequence[Experiment]) -> str:
+    """Why unseen data confirm nothing in which no input of any recording changes, and no output beside what
+    it does in the `fitted` ones: they tell one level of every output, which any law with a parameter more may
+    hit. Empty where something changes."""
+    inputs = [signal for e in validation for signal in e.inputs.T]
+    if not validation or not all(is_constant(signal) for signal in inputs):
+        return ""
+    spread = np.nanstd(np.concatenate([e.outputs for e in fitted]), axis=0)
+    moves = np.array([_spread(e.outputs) for e in validation])
+    if np.any(moves > GATES.standing_share * spread):
         return ""
     return "the unseen data stand still and confirm no law"
+
+
+def _spread(outputs: np.ndarray) -> np.ndarray:
+    """The standard deviation (n_y,) of outputs (n_samples, n_y), zero where none was measured."""
+    seen = np.isfinite(outputs)
+    count = np.maximum(seen.sum(axis=0), 1)
+    values = np.where(seen, outputs, 0.0)
+    mean = values.sum(axis=0) / count
+    return np.sqrt(np.sum(np.where(seen, outputs - mean, 0.0) ** 2, axis=0) / count)
 
 
 def undriven(model: Null) -> str:
