@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from cart_data import recording
 
+from daest.diagnosis.free_starts import steady_misfit
 from daest.diagnosis.loads import load_places, load_sites, with_loads
 from daest.diagnosis.null import Null, fit_null
 from daest.diagnosis.screen import run_null
@@ -25,7 +26,6 @@ from daest.diagnosis.unseen import (
     is_silent,
     is_worse,
     judged,
-    steady_misfit,
 )
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.nonlinear_start import fit_initial_states

@@ -12,6 +12,7 @@ import numpy as np
 from daest.diagnosis.dead_times import DELAY
 from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.free_forms import free_forms
+from daest.diagnosis.free_starts import misfit, steady_misfit
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown, loads_of, period_of, refitted
 from daest.diagnosis.open_loop import Simulated, in_use, says_more_in_use, simulated_errors, speaks_for
@@ -45,8 +46,6 @@ from daest.diagnosis.unseen import (
     innovations,
     is_worse,
     judged,
-    misfit,
-    steady_misfit,
 )
 from daest.errors import DaestError
 from daest.estimation.identify_nonlinear import Refit

@@ -10,12 +10,12 @@ import numpy as np
 from daest.diagnosis.candidates import scaled_by, scaled_shapes
 from daest.diagnosis.certainty import KnownProduct, bends, certainty_of, known_products
 from daest.diagnosis.free_forms import covers
+from daest.diagnosis.free_starts import free_runs
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown
 from daest.diagnosis.open_loop import driven_share, largest_values, values_along
 from daest.diagnosis.screen import NullObserver, law_response, run_null
 from daest.diagnosis.trials import Prepared
-from daest.diagnosis.unseen import free_runs
 from daest.errors import DaestError
 from daest.estimation.signals import is_constant
 from daest.model.diagnosis import Candidate, FreeForm, Proof
