@@ -83,6 +83,16 @@ _reduced: deque[tuple[FlatModel, frozenset[str], ExplicitModel]] = deque(maxlen=
 """What was reduced last: commands ask for the form of the same model from several places."""
 
 
+def chosen_states(flat: FlatModel) -> tuple[str, ...]:
+    """The names of the states that `reduce_index` chooses, in half of its time. Raises ModelError
+    `structurally-singular`, `singular-after-reduction`; that the equations can be solved for what is no state
+    is not asked."""
+    check_structure(flat_signature(flat), flat.equations, flat.unknowns, flat.name)
+    system = regular_system(flat)
+    choice = choose_states(system, sample_point(system))
+    return tuple(derivative_name(system.aliases.variables[j].name, k) for j, k in choice.states)
+
+
 def _explicit(flat: FlatModel, first_order: Collection[str]) -> ExplicitModel:
     sigma = flat_signature(flat)
     check_structure(sigma, flat.equations, flat.unknowns, flat.name)
