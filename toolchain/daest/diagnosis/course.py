@@ -116,7 +116,7 @@ class Course:
         quick, slow = _by_states(chosen[:n_first])
         first = [*stages.prepared(given), *quick]
         if len(first) == 1:
-            stages.compile_ahead(first[0], [*slow, *chosen[n_first:], *dynamic, *richer])
+            stages.compile_ahead(first[0], dynamic)
         proofs += stages.proved(first, proofs)[0]
         proofs += stages.proved(slow, proofs)[0]
         rest = chosen[n_first:FIRST_TRIALS]

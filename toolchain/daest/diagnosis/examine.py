@@ -76,8 +76,10 @@ def _examined(
         beside.append(_Beside(stand, run, pool))
         known = keeping_order(null.flat, null.explicit, candidates)
         beside[0].begin_simulations(known)
-        found = screen(null, run, known, options.seed, pool)
-        if reference is None or reference.adds_up:
+        is_only = reference is None or reference.adds_up
+        # A screen in open loop asks this process for the models that the first one has made.
+        found = screen(null, run, known, options.seed, pool if is_only else None)
+        if reference is None or is_only:
             return stand, known, run, found, None
         return stand, known, run, found, open_screen(null, reference.fit, known, options.seed)
 
