@@ -429,6 +429,26 @@ def test_sensor_that_bends_beside_a_straight_one_of_the_same_signal_is_no_machin
         assert _tells_otherwise(machine, bent, bend) == tells
 
 
+def test_same_law_at_a_place_that_the_sensors_see_alike_is_not_in_the_way():
+    """A lag at a sensor, behind which the loads come in, beside the same lag at the input."""
+    _, proof = proved()
+    moved = replace(proof.candidate, site=replace(proof.candidate.site, name="elsewhere"))
+    twin = replace(
+        proof,
+        candidate=moved,
+        equivalent=(proof.candidate.site.name,),
+        delta_log_likelihood=3.0 * proof.delta_log_likelihood,
+        verdict="rejected",
+        reason="it is shaky",
+        is_open=True,
+    )
+    assert ranked([proof, twin])[0].verdict == "supported"
+    assert ranked([proof, replace(twin, equivalent=())])[0].verdict == "rejected"
+    # Other estimates are another explanation.
+    other = changed_size(twin.told, value=2.0)
+    assert ranked([proof, replace(twin, fit=other, final=other)])[0].verdict == "rejected"
+
+
 def test_size_as_large_as_it_can_be_is_no_weakness():
     prepared, proof = proved()
     assert weak(prepared, changed_size(proof.fit, at_bound="max", std_error=None), proof.fit) == ""

@@ -221,9 +221,23 @@ def _is_same_beside_a_load(richer: Proof, simple: Proof) -> bool:
 def _is_twin(one: Proof, other: Proof) -> bool:
     """Whether two laws are the same effect at two places that the data hardly tell apart, with the same
     estimates: which effect it is is known, where it is not."""
+    is_near = abs(one.delta_log_likelihood - other.delta_log_likelihood) <= GATES.same_fit_elsewhere
+    return is_near and _is_same_law(one, other)
+
+
+def _is_same_where_alike(refused: Proof, best: Proof) -> bool:
+    """Whether a refused law is the accepted one at a place where the sensors see it alike, with the same
+    estimates. What makes it likelier is then where the unknown loads come in, before or behind it, and it is
+    no other explanation."""
+    are_alike = (
+        refused.candidate.site.name in best.equivalent or best.candidate.site.name in refused.equivalent
+    )
+    return are_alike and _is_same_law(refused, best)
+
+
+def _is_same_law(one: Proof, other: Proof) -> bool:
+    """Whether two laws are the same effect with the same estimates, wherever it is."""
     if one.candidate.effect.class_name != other.candidate.effect.class_name:
-        return False
-    if abs(one.delta_log_likelihood - other.delta_log_likelihood) > GATES.same_fit_elsewhere:
         return False
     values, others = ({p.name.rpartition(".")[2]: p for p in _told_of_effect(law)} for law in (one, other))
     return values.keys() == others.keys() and all(
@@ -274,6 +288,8 @@ def _is_in_the_way(refused: Proof, best: Proof) -> bool:
         refused.explained >= GATES.min_explained or _unseen_ratio(best, refused) < GATES.max_rival_error
     )
     if not (refused.is_open or (refused.is_vague and does_more)) or _ends_in_a_simpler_law(refused, best):
+        return False
+    if _is_same_where_alike(refused, best):
         return False
     return _is_likelier_part(refused, best) or not _unseen_ratio(refused, best) < GATES.max_rival_error
 

@@ -413,7 +413,7 @@ def other_dynamics(left: FreeForm, gain: float) -> str:
 
 def lag_too_short(null: Null, candidate: Candidate, fit: FitResult) -> str:
     """Why a lag or a delay is no finding of its own beside the model as `fit` has it; empty where it is long
-    enough to be one."""
+    enough to be one, or where the model has no time constant: no states, or nothing but integrators."""
     times = [fit.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes if p.unit == "s"]
     if not times:
         return ""
@@ -421,7 +421,8 @@ def lag_too_short(null: Null, candidate: Candidate, fit: FitResult) -> str:
     loads = {load.name for load in null.loads}
     own = [i for i, name in enumerate(run.state_names) if name not in loads]
     fastest = max(np.abs(np.linalg.eigvals(run.average.A[np.ix_(own, own)])), default=0.0)
-    if max(times) * fastest >= GATES.min_lag:
+    ratio = max(times) * fastest
+    if ratio >= GATES.min_lag or (min(times) > 0.0 and ratio < np.finfo(float).eps):
         return ""
     return (
         f"{spoken_duration(max(times))} is short beside the fastest time constant of the model "

@@ -38,7 +38,7 @@ from daest.numerics.evaluator import along
 from daest.numerics.parallel import Workers, called
 from daest.numerics.statistics import autoregression, chi2, norm
 from daest.numerics.tables import turned
-from daest.systems.integrate import Integrator, integrate, integrator, interval_inputs
+from daest.systems.integrate import Integrator, inputs_at_ends, integrate, integrator, interval_inputs
 from daest.systems.integration import Correction, IntegrationError, Trajectory
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.sensor_laws import slopes_along
@@ -600,19 +600,16 @@ def _drive_functions(
 def _driven_inputs(
     null: Null, explicit: ExplicitModel, experiment: Experiment
 ) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-    """u (n_u, n_samples) and v (n_v, n_samples) at the start of the interval after every sample and at the
-    end of the one before it."""
+    """u (n_u, n_samples) and v (n_v, n_samples) of the model with effects at the start of the interval after
+    every sample and at the end of the one before it. Effects may need slopes of inputs that the model without
+    them does not: a body that takes up heat does where its temperature is an input."""
     known = len(experiment.input_names)
     added = [np.nan_to_num(experiment.extra[v.name]) for v in explicit.flat.inputs[known:]]
     whole = np.column_stack([experiment.inputs, *added])
-    u0, u1 = interval_inputs(null.explicit, experiment.time, whole, null.hold)
+    u0, u1 = inputs_at_ends(explicit, experiment.time, whole, null.hold)
     n_u = whole.shape[1]
-    found = []
-    for ubar in (np.vstack([u0, u1[-1:]]), np.vstack([u0[:1], u1])):
-        v = np.zeros((explicit.rhs.numel_in(2), experiment.n_samples))
-        v[: ubar.shape[1] - n_u] = ubar[:, n_u:].T
-        found.append((ubar[:, :n_u].T, v))
-    return tuple(found)
+    ends = (np.vstack([u0, u1[-1:]]), np.vstack([u0[:1], u1]))
+    return tuple((ubar[:, :n_u].T, ubar[:, n_u:].T) for ubar in ends)
 
 
 @dataclass(frozen=True)

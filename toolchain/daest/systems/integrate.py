@@ -558,22 +558,25 @@ def interval_inputs(
     spline at the samples for a smooth one, and zero for a held one. Raises what `refuse_derivatives` raises.
     """
     refuse_derivatives(explicit, hold, theta)
-    return _interval_inputs(explicit, time, inputs, hold)
+    return inputs_at_ends(explicit, time, inputs, hold)
 
 
-def _interval_inputs(
+def inputs_at_ends(
     explicit: Dynamics, time: np.ndarray, inputs: np.ndarray, hold: Hold
 ) -> tuple[np.ndarray, np.ndarray]:
+    """What `interval_inputs` returns; derivatives that the samples do not have, of held inputs or of a higher
+    order, are zero where the model needs them."""
     names = explicit.flat.input_names
     start, end = inputs[:-1], interval_ends(inputs, hold, names)
     held = held_inputs(hold, names)
     slopes = (end - start) / np.diff(time)[:, None]
     slopes[:, np.flatnonzero(held)] = 0.0
     sources = [d.index for d in explicit.input_derivatives]
+    is_slope = np.array([d.order == 1 for d in explicit.input_derivatives], dtype=float)
     if hold == SMOOTH:
-        at_samples = spline_slopes(inputs[:, sources], time)
+        at_samples = spline_slopes(inputs[:, sources], time) * is_slope
         return np.hstack([start, at_samples[:-1]]), np.hstack([end, at_samples[1:]])
-    v = slopes[:, sources]
+    v = slopes[:, sources] * is_slope
     return np.hstack([start, v]), np.hstack([end, v])
 
 
@@ -614,7 +617,7 @@ class Record:
 
 def record(explicit: Dynamics, time: np.ndarray, inputs: np.ndarray, hold: Hold) -> Record:
     """That of recorded `inputs` (n_samples, n_u) at `time` (n_samples,)."""
-    u0, u1 = _interval_inputs(explicit, time, inputs, hold)
+    u0, u1 = inputs_at_ends(explicit, time, inputs, hold)
     u_last = inputs[-1:] if u1.shape[0] == 0 else np.hstack([inputs[-1:], u1[-1:, inputs.shape[1] :]])
     time, u0, u1, u_last = (np.ascontiguousarray(a, dtype=float) for a in (time, u0, u1, u_last))
     return Record(time, u0, u1, u_last, input_bends(explicit, time, inputs, hold))
