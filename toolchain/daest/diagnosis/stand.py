@@ -74,8 +74,12 @@ def begin(
 
     def null_of(quiet: FlatModel, near: Mapping[str, float]) -> Null:
         coarse = None if held is None else held[0]
-        given = (options.hold or options.tried, coarse, options.slowest_load, near or options.near)
-        null = fit_null(quiet, load_sites(flat), both[0], *given)
+        given = (options.hold or options.tried, coarse, options.slowest_load)
+
+        def null_near(values: Mapping[str, float]) -> Null:
+            return fit_null(quiet, load_sites(flat), both[0], *given, values)
+
+        null = _begun_where_it_runs(null_near, near or options.near, quiet, both[0])
         return replace(null, is_hold_given=options.hold is not None)
 
     def unseen(hold: Hold | None) -> tuple[Experiment, ...]:
@@ -93,6 +97,26 @@ def begin(
 
     parts = (options.hold, options.tried, options.slowest_load, *sorted(options.near.items()))
     return replace(options.step("null", parts, flat, fitted), began=began)
+
+
+def _begun_where_it_runs(
+    null_near: Callable[[Mapping[str, float]], Null],
+    near: Mapping[str, float],
+    flat: FlatModel,
+    experiments: Sequence[Experiment],
+) -> Null:
+    """The null that is searched for `near` values; where the model cannot be simulated from there, as a tank
+    that runs empty since its outlet is taken too large, near those of a search that cuts the recordings into
+    pieces."""
+    try:
+        return null_near(near)
+    except EstimationError as error:
+        if error.code != "identify-no-start":
+            raise
+        with suppress(*FAILURES):
+            if known := known_values(identify(flat, experiments, IdentifyOptions(method="oe"))):
+                return null_near(known)
+        raise
 
 
 def _scaled(
