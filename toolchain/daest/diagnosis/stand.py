@@ -21,7 +21,7 @@ from daest.diagnosis.open_loop import simulated_errors
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import Reference, bic_gain
 from daest.diagnosis.settled import FAILURES, settled, simulated
-from daest.diagnosis.unseen import adds_up, foreseen
+from daest.diagnosis.unseen import adds_up, foreseen, steady_outputs
 from daest.errors import EstimationError
 from daest.estimation.identify import identify, tied_parameters
 from daest.estimation.records import part_of
@@ -335,7 +335,8 @@ def reference_of(null: Null, fit: FitResult, validation: Sequence[Experiment]) -
             flat = null.flat.with_theta(told.theta)
             explicit = replace(null.explicit, flat=flat)
             errors = simulated_errors(null, flat, explicit, told, null.experiments, validation)
-        return Reference(told, foreseen(observer, validation), reckons, simulated=errors)
+        holding = steady_outputs(observer) if reckons else ()
+        return Reference(told, foreseen(observer, validation), reckons, simulated=errors, holding=holding)
 
 
 @contextmanager
