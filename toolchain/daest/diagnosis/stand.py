@@ -74,12 +74,8 @@ def begin(
 
     def null_of(quiet: FlatModel, near: Mapping[str, float]) -> Null:
         coarse = None if held is None else held[0]
-        given = (options.hold or options.tried, coarse, options.slowest_load)
-
-        def null_near(values: Mapping[str, float]) -> Null:
-            return fit_null(quiet, load_sites(flat), both[0], *given, values)
-
-        null = _begun_where_it_runs(null_near, near or options.near, quiet, both[0])
+        given = (options.hold or options.tried, coarse, options.slowest_load, near or options.near)
+        null = fit_null(quiet, load_sites(flat), both[0], *given)
         return replace(null, is_hold_given=options.hold is not None)
 
     def unseen(hold: Hold | None) -> tuple[Experiment, ...]:
@@ -90,7 +86,7 @@ def begin(
 
     def fitted() -> Stand:
         free, tied = _scaled(without_noises(flat), both[0])
-        null, baseline, reference = _fitted(free, null_of, unseen_by)
+        null, baseline, reference = _fitted(free, null_of, unseen_by, both[0])
         other = unseen(null.other_hold) if held is not None and null.other_hold else None
         declared = replace(flat, parameters=free.parameters)
         return Stand(declared, null, baseline, unseen_by(null), began, reference, other, tied)
@@ -100,16 +96,13 @@ def begin(
 
 
 def _begun_where_it_runs(
-    null_near: Callable[[Mapping[str, float]], Null],
-    near: Mapping[str, float],
-    flat: FlatModel,
-    experiments: Sequence[Experiment],
+    null_near: Callable[[Mapping[str, float]], Null], flat: FlatModel, experiments: Sequence[Experiment]
 ) -> Null:
-    """The null that is searched for `near` values; where the model cannot be simulated from there, as a tank
-    that runs empty since its outlet is taken too large, near those of a search that cuts the recordings into
-    pieces."""
+    """The null that is searched for from the given values; where the model cannot be simulated from there, as
+    a tank that runs empty since its outlet is taken too large, near those of a search that cuts the
+    recordings into pieces."""
     try:
-        return null_near(near)
+        return null_near({})
     except EstimationError as error:
         if error.code != "identify-no-start":
             raise
@@ -152,12 +145,13 @@ def _fitted(
     flat: FlatModel,
     null_of: Callable[[FlatModel, Mapping[str, float]], Null],
     unseen_by: Callable[[Null], tuple[Experiment, ...]],
+    experiments: Sequence[Experiment] = (),
 ) -> tuple[Null, FitResult, Reference | None]:
     """The null that `null_of` makes of the model, near values if any are known, and its `_told_fits` on the
     experiments `unseen_by` it; from the values without coloured loads where these are likelier
     (`_not_astray`), and with the parameters held where loads would take over what the inputs do
     (`_simulated_better`)."""
-    null = null_of(flat, {})
+    null = _begun_where_it_runs(lambda near: null_of(flat, near), flat, experiments)
     baseline, reference = _told_fits(null, unseen_by(null))
     null, baseline, reference = _not_astray(
         null, baseline, reference, lambda near: null_of(flat, near), unseen_by
@@ -251,7 +245,7 @@ def limited(
 
     def fitted() -> Stand:
         quiet = without_noises(found.flat)
-        null, baseline, reference = _fitted(quiet, null_of, lambda _: stand.validation)
+        null, baseline, reference = _fitted(quiet, null_of, lambda _: stand.validation, known.experiments)
         return replace(stand, null=null, baseline=baseline, reference=reference)
 
     parts = (known.hold, known.recorded_hold, known.other_hold, *(law.name for law in found.laws))
