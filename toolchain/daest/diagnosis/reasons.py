@@ -172,14 +172,23 @@ def unseen_scales(model: Null, candidate: Candidate, told: FitResult) -> dict[st
     scaled = [p for p in scaled_shapes(candidate) if not _is_place(p)]
     if not scaled:
         return {}
-    reached = largest_values(grown(model, model.flat, model.explicit, told, model.experiments))
+    run = grown(model, model.flat, model.explicit, told, model.experiments)
+    reached = largest_values(run)
     found = {}
     for p in scaled:
         value = abs(told.theta[f"{candidate.name}.{p.name}"])
-        most = reached.get(scaled_by(candidate, p), np.inf)
+        variable = scaled_by(candidate, p)
+        most = _half_way(run, variable) if p.periods_over else reached.get(variable, np.inf)
         if value > GATES.max_scale * most:
             found[p.name] = (value, most)
     return found
+
+
+def _half_way(run: Null, variable: str) -> float:
+    """Half of the way that a variable covers in the simulation: where a law has a phase, the origin is free,
+    and a motion to one side of it shows half of what one to both sides does."""
+    values = values_along(run, [variable])
+    return np.inf if values is None else 0.5 * float(np.ptp(values))
 
 
 def out_of_reach(model: Null, candidate: Candidate, told: FitResult) -> str:

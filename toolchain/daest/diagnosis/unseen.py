@@ -246,13 +246,15 @@ def judged(
     adds_up: bool,
     told: Confirmed | None = None,
     steady: float | None = None,
+    holding: Sequence[str] = (),
 ) -> tuple[str, bool, bool]:
     """Why unseen data speak against the effect (empty where they do not), whether they speak clearly for it,
     and whether it does away with most of the error at some horizon. `adds_up` tells that the whole
     simulation is dead reckoning, which counts for an effect, not against it, unless the model did without
     it what the machine did and does so no longer; `told` is what their likelihood says, and `steady` the
     ratio of the errors of simulations in which every recording has a constant load of its own
-    (`steady_misfit`), where it is smaller than that without."""
+    (`steady_misfit`), where it is smaller than that without. Errors of the outputs `holding` do not add up
+    where others do: no effect may simulate one of them clearly worse."""
     ratios = error_ratios(before.simulated, after.simulated)
     whole = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.nan
     whole = whole if steady is None else min(whole, steady)
@@ -274,9 +276,21 @@ def judged(
     has_held = whole > GATES.max_followed_ratio and _is_followed(before)
     if ratios and whole > most and not (adds_up and is_clear and not has_held):
         return f"the simulation of unseen data gets {whole:.3g} times worse", False, False
+    lost = max(((ratio, name) for name, ratio in _ratios_of(before, after, holding)), default=(0.0, ""))
+    if adds_up and lost[0] > 1.0 / GATES.max_clear_ratio:
+        return f"the simulation of {lost[1]} of unseen data gets {lost[0]:.3g} times worse", False, False
     if not is_clear:
         return "unseen data are foreseen no better", False, False
     return "", True, min(best, whole if whole == whole else 1.0) < GATES.max_most_ratio
+
+
+def _ratios_of(before: FitResult, after: FitResult, names: Sequence[str]) -> list[tuple[str, float]]:
+    """Errors of some outputs of simulated unseen data relative to what they were, where both are known."""
+    old, new = (fit.simulated.get("validation") for fit in (before, after))
+    if old is None or new is None:
+        return []
+    pairs = [(name, old.rms.get(name), new.rms.get(name)) for name in names]
+    return [(name, b / a) for name, a, b in pairs if a and b is not None]
 
 
 def _is_followed(fit: FitResult) -> bool:
@@ -289,12 +303,24 @@ def _is_followed(fit: FitResult) -> bool:
 def adds_up(run: NullObserver) -> bool:
     """Whether the outputs see a mode that keeps errors for longer than the records are: an angle that nothing
     holds, say. Where only the speed is measured, such an angle does nothing to the simulation."""
+    return _keep_errors(run, range(len(run.average.C)))
+
+
+def steady_outputs(run: NullObserver) -> tuple[str, ...]:
+    """Names of the outputs that see no mode that keeps errors, whatever others see: the twist of a shaft that
+    turns freely, say. What is simulated of them counts beside an angle that drifts away."""
+    names = run.null.flat.output_names
+    return tuple(name for row, name in enumerate(names) if not _keep_errors(run, [row]))
+
+
+def _keep_errors(run: NullObserver, rows: Sequence[int]) -> bool:
+    """Whether the outputs of these rows see a mode that keeps errors for longer than the records are."""
     duration = max(float(e.time[-1] - e.time[0]) for e in run.null.experiments)
     loads = {load.name for load in run.null.loads}
     own = [i for i, name in enumerate(run.state_names) if name not in loads]
     if not own:
         return False
-    seen = _seen_dynamics(run.average.A[np.ix_(own, own)], run.average.C[:, own])
+    seen = _seen_dynamics(run.average.A[np.ix_(own, own)], run.average.C[np.ix_(rows, own)])
     rates = np.linalg.eigvals(seen).real
     return bool(np.max(rates, initial=-np.inf) > -1.0 / (GATES.steady_duration * duration))
 
