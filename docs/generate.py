@@ -53,6 +53,7 @@ MACHINES = Path(__file__).with_name("machines.toml")
 # How an answer is judged, in the order of the counts; a first answer may besides be "not right".
 JUDGED = ("right", "honest", "wrong", "open", "no answer")
 TEMPLATES = ("machines.md", "theory.md", "trust.md")
+REPOSITORY = re.compile(r"`([\w-]+/[\w.-]+)`")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 TAG = re.compile(r"\\tag\{(.*?)\}")
 
@@ -270,7 +271,7 @@ def machines() -> dict[str, Any]:
 
 def machine_row(row: Mapping[str, str]) -> tuple[str, ...]:
     """The cells of a machine; its id is an anchor."""
-    source = f"<br>{row['source']}" if "source" in row else ""
+    source = REPOSITORY.sub(r"[`\1`](https://github.com/\1)", row.get("source", ""))
     said = f". *At first: {row['first_said']}.*" if "first_said" in row else ""
     judged = [row["judged"]]
     if "first" in row:
@@ -278,7 +279,7 @@ def machine_row(row: Mapping[str, str]) -> tuple[str, ...]:
     if "time" in row:
         judged.append(row["time"])
     return (
-        f'<a id="{row["id"]}"></a>{row["machine"]}{source}',
+        f'<a id="{row["id"]}"></a>{row["machine"]}' + (f"<br>{source}" if source else ""),
         row["missing"],
         row["says"] + said,
         row.get("error", ""),

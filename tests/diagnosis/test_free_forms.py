@@ -9,7 +9,7 @@ from hidden_plants import PERIOD, model, quiet, rotor_null, rotor_record, some_e
 from scipy.stats import kstest
 
 from daest.diagnosis.candidates import pairs
-from daest.diagnosis.free_forms import free_forms, internal_variables
+from daest.diagnosis.free_forms import forms_of, free_forms, internal_variables, keep_forms
 from daest.diagnosis.null import fit_null
 from daest.diagnosis.screen import run_null
 from daest.diagnosis.stand import without_noises
@@ -96,6 +96,14 @@ def test_search_can_be_restricted():
         "rotor.w",
         "u and the sign of rotor.w",
     }
+
+
+def test_forms_that_are_kept_are_those_of_their_null_alone():
+    null, run, _ = bumpy()
+    kept = free_forms(null, run)[:1]
+    keep_forms(null, kept)
+    assert forms_of(null, run) is kept
+    assert len(forms_of(replace(null), run)) > 1
 
 
 def test_what_a_delay_keeps_of_its_signal_is_no_variable():

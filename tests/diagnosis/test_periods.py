@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
 import daest
+from daest.diagnosis import reasons
 from daest.diagnosis.candidates import most_likely_length, most_likely_periods
 
 
@@ -51,3 +55,23 @@ def test_cogging_says_over_which_variable_it_repeats() -> None:
     assert {p.name: p.periods_over for p in effect.parameters if p.periods_over} == {"n": "phi"}
     effect = daest.find_effect("Daest.Effects.Translational.CoggingForce")
     assert {p.name: p.periods_over for p in effect.parameters if p.periods_over} == {"p": "s"}
+
+
+@pytest.mark.parametrize(
+    "way, is_shown", [((-0.02, 0.02), True), ((0.0, 0.04), True), ((0.0, 0.025), False), ((0.1, 0.12), False)]
+)
+def test_a_period_is_told_from_recordings_that_show_all_of_it(
+    monkeypatch: pytest.MonkeyPatch, way: tuple[float, float], is_shown: bool
+) -> None:
+    """A period of 30 mm. Where the way begins is of no matter to a law with a phase, nor how far from there
+    it leads: what lies 0.1 m away and moves by 20 mm shows two thirds of the period."""
+    values = np.linspace(*way, 50)
+    effect = daest.find_effect("Daest.Effects.Translational.CoggingForce")
+    candidate = SimpleNamespace(name="cogging", effect=effect)
+    fit = SimpleNamespace(theta={"cogging.p": 0.03})
+    monkeypatch.setattr(reasons, "grown", lambda *_: None)
+    monkeypatch.setattr(reasons, "largest_values", lambda _: {"cogging.s": float(np.max(np.abs(values)))})
+    monkeypatch.setattr(reasons, "values_along", lambda *_: values[None])
+    model: Any = SimpleNamespace(flat=None, explicit=None, experiments=())
+    found = reasons.without_form(model, cast(Any, candidate), cast(Any, fit))
+    assert ("too little of its form" in found) != is_shown

@@ -17,6 +17,7 @@ from daest.diagnosis.clipping import Clip, clips_of, with_clipped_sensors
 from daest.diagnosis.course import _possible, _with_better_kinks, _with_second_tries
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.free_forms import covers, free_forms
+from daest.diagnosis.free_starts import steady_misfit
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import grown
 from daest.diagnosis.options import DiagnoseOptions
@@ -49,7 +50,6 @@ from daest.diagnosis.trials import (
     prepare,
     trials,
 )
-from daest.diagnosis.unseen import steady_misfit
 from daest.model.diagnosis import Ahead, Candidate, FreeForm, InUse, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.fit import error_ratios

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from cart_data import recording
 
+from daest.diagnosis.free_starts import steady_misfit
 from daest.diagnosis.loads import load_places, load_sites, with_loads
 from daest.diagnosis.null import Null, fit_null
 from daest.diagnosis.screen import run_null
@@ -25,7 +26,7 @@ from daest.diagnosis.unseen import (
     is_silent,
     is_worse,
     judged,
-    steady_misfit,
+    steady_outputs,
 )
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.nonlinear_start import fit_initial_states
@@ -170,17 +171,34 @@ FREE = np.array([[0.0, 1.0], [0.0, 0.0]])
     ids=["angle", "its speed", "held", "free speed"],
 )
 def test_errors_add_up_where_the_outputs_see_what_keeps_them(A, seen, expected):
+    assert adds_up(observer_of(A, [seen])) == expected
+
+
+def observer_of(A, seen, names=()):
+    """An observer of an angle and its speed with dynamics A (2, 2), of which the outputs `names` show those
+    that are `seen`, beside a load with a long memory, which is none of the model's."""
     whole = np.zeros((3, 3))
-    whole[1:, 1:], whole[2, 0], whole[0, 0] = (
-        A,
-        1.0,
-        -1e-3,
-    )  # a load with a long memory is none of the model's
+    whole[1:, 1:], whole[2, 0], whole[0, 0] = A, 1.0, -1e-3
     experiment = SimpleNamespace(time=np.linspace(0.0, 10.0, 11))
-    null = SimpleNamespace(experiments=[experiment], loads=[SimpleNamespace(name="load_1")])
-    average = SimpleNamespace(A=whole, C=np.eye(3)[[1 + seen]])
-    run = SimpleNamespace(null=null, average=average, state_names=("load_1", "phi", "w"))
-    assert adds_up(run) == expected
+    flat = SimpleNamespace(output_names=names)
+    null = SimpleNamespace(experiments=[experiment], loads=[SimpleNamespace(name="load_1")], flat=flat)
+    average = SimpleNamespace(A=whole, C=np.eye(3)[[1 + row for row in seen]])
+    return SimpleNamespace(null=null, average=average, state_names=("load_1", "phi", "w"))
+
+
+@pytest.mark.parametrize("A, expected", [(ANGLE, ("w",)), (HELD, ("phi", "w")), (FREE, ())])
+def test_outputs_that_do_not_see_what_keeps_errors(A, expected):
+    assert steady_outputs(observer_of(A, [0, 1], ("phi", "w"))) == expected
+
+
+@pytest.mark.parametrize("angle, twist, reason", [(1.5, 0.9, ""), (1.5, 1.3, "of twist"), (0.5, 1.05, "")])
+def test_dead_reckoning_of_one_output_excuses_no_other_one(angle, twist, reason):
+    before, after = (
+        SimpleNamespace(simulated={"validation": Agreement({"phi": 60.0, "twist": 60.0}, errors)})
+        for errors in ({"phi": 1.0, "twist": 1.0}, {"phi": angle, "twist": twist})
+    )
+    found, is_clear, _ = judged([ahead(0.8, 5.0)], before, after, True, holding=("twist",))
+    assert reason in found and bool(reason) == bool(found) and is_clear == (not reason)
 
 
 RUB = """

@@ -12,6 +12,7 @@ from daest.diagnosis import verdict as verdict_module
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.coloured import Residual
 from daest.diagnosis.holds import says_as_much
+from daest.diagnosis.reasons import unmoved
 from daest.diagnosis.verdict import AT_ONCE, MOVING, RECORDED, Evidence, Loads, decide
 from daest.model.diagnosis import Ahead, FreeForm, Load, PlaceGain, Proof, Screen, Screened, Unproved
 from daest.model.fit import Agreement, FittedParameter
@@ -265,20 +266,23 @@ def replace_outputs(null, outputs):
 
 
 @pytest.mark.parametrize(
-    ("inputs", "outputs", "name"),
+    ("inputs", "outputs", "is_still"),
     [
-        (np.zeros(9), np.full(9, 0.3), "cannot tell"),
-        (np.arange(9.0), np.full(9, 0.3), "supported"),  # dry friction that holds
-        (np.zeros(9), 0.3 ** np.arange(9.0), "supported"),  # a free decay
+        (np.zeros(9), np.full(9, 0.3), True),
+        (np.zeros(9), 0.3 + 0.01 * np.sin(np.arange(9.0)), True),  # beside an output that moved by one
+        (np.arange(9.0), np.full(9, 0.3), False),  # dry friction that holds
+        (np.zeros(9), 0.3 ** np.arange(9.0), False),  # a free decay
     ],
 )
-def test_unseen_data_in_which_nothing_moves_confirm_no_law(inputs, outputs, name):
+def test_unseen_data_in_which_nothing_moves_confirm_no_law(inputs, outputs, is_still):
+    fitted = SimpleNamespace(outputs=np.array([0.0, 2.0, np.nan])[:, None])
     unseen = SimpleNamespace(inputs=inputs[:, None], outputs=outputs[:, None])
-    found = decide(replace(evidence(proofs=[proof()]), validation=(unseen,)))
-    assert found.name == name and (found.next_experiment == MOVING) == (name != "supported")
-    assert (found.proofs[0].reason == "the unseen data stand still and confirm no law") == (
-        name != "supported"
-    )
+    still = unmoved([fitted], [unseen])
+    assert bool(still) == is_still
+    found = decide(replace(evidence(proofs=[proof()]), still=still))
+    assert found.name == ("cannot tell" if is_still else "supported")
+    assert (found.next_experiment == MOVING) == is_still
+    assert (found.proofs[0].reason == "the unseen data stand still and confirm no law") == is_still
 
 
 @pytest.mark.parametrize(

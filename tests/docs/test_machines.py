@@ -104,6 +104,13 @@ def test_every_row_stands_on_the_page(page):
         assert ("at first" in cells[4]) is ("first" in row)
 
 
+def test_repositories_are_links(page):
+    names = {name for row in ROWS for name in re.findall(r"`(.+?/.+?)`", row.get("source", ""))}
+    assert len(names) > 20
+    for name in names:
+        assert f"<br>[`{name}`](https://github.com/{name}) | " in page
+
+
 def test_counts_are_those_of_the_rows(page, generate):
     lines = [line.split("|")[1:-1] for line in page.splitlines() if line.startswith(("| [", "| all"))]
     table = {cells[0].strip(): [int(cell) for cell in cells[1:]] for cells in lines if len(cells) == 9}

@@ -178,6 +178,41 @@ def test_what_was_run_with_slopes_is_not_run_again_without(gain, monkeypatch):
         assert len(runs) == n + 1
 
 
+@pytest.mark.parametrize("gain", [None, np.array([[0.3], [0.5]])])
+def test_what_was_run_last_with_slopes_is_not_run_again(gain, monkeypatch):
+    p, runs = problem(gain=gain), []
+    integrate_all = trajectories.integrate_all
+
+    def counted(model, records, *given, **options):
+        runs.extend(records)
+        return integrate_all(model, records, *given, **options)
+
+    monkeypatch.setattr(trajectories, "integrate_all", counted)
+    z = start(p)
+    trajectories._kept.clear()
+    first = prediction_errors(p, z, with_slopes=True)
+    again = prediction_errors(p, z, with_slopes=True)
+    assert len(runs) == 1
+    assert np.array_equal(again.trajectories[0].sensitivities, first.trajectories[0].sensitivities)
+    held = prediction_errors(replace(p, holds_parameters=True), z, with_slopes=True)
+    assert len(runs) == 2
+    assert held.trajectories[0].sensitivities.shape[2] < first.trajectories[0].sensitivities.shape[2]
+    prediction_errors(p, z, with_slopes=True)  # the sensitivities of the last runs alone are kept
+    assert len(runs) == 3
+
+
+@pytest.mark.parametrize("n_values", [0, 10**9])
+def test_long_trajectories_are_kept_without_their_slopes(n_values, monkeypatch):
+    monkeypatch.setattr(trajectories, "KEPT_VALUES", n_values)
+    p = problem()
+    trajectories._kept.clear()
+    for shift in range(trajectories.MOST_KEPT + 3):
+        prediction_errors(p, start(p) + 0.01 * shift, with_slopes=True)
+    expected = trajectories.MOST_KEPT if n_values else trajectories.LEAST_KEPT
+    assert len(trajectories._kept) == expected
+    assert [one.along is not None for one in trajectories._kept] == [False] * (expected - 1) + [n_values > 0]
+
+
 @pytest.mark.parametrize(("n_y", "missing"), [(1, 0.0), (1, 0.2), (2, 0.0), (2, 0.2)])
 def test_whitened_errors_and_slopes_are_those_of_every_sample(n_y, missing):
     """Against the definition: two parameters, two states of each of two records, one log of a gain."""

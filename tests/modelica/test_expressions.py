@@ -232,6 +232,24 @@ def test_derivatives_stay_finite_in_a_branch_that_is_not_taken(compiled: Compile
     assert float(slope(4)) == pytest.approx(0.25)
 
 
+@pytest.mark.parametrize("inside", ["2*max(h, 0)", "max(0, h)*p", "max(h, 0)/p", "2*9.81*(p*max(h, 0))"])
+@pytest.mark.parametrize("level", [0.0, -0.1])
+def test_a_root_of_a_clipped_factor_has_no_infinite_slope(compiled, inside, level):
+    flat = compiled(
+        f"model M parameter Real p = 3; Real h(start = 1); equation der(h) = -sqrt({inside}); end M;"
+    )
+    slope = ca.Function("s", [flat.xi, flat.derivatives, flat.theta], [ca.jacobian(flat.residual, flat.xi)])
+    assert float(slope(level, 0.0, flat.theta_values)) == 0.0
+    assert abs(float(slope(0.25, 0.0, flat.theta_values))) > 0.5
+
+
+def test_a_root_is_clipped_by_its_numerator_alone(compiled):
+    flat = compiled("model M Real h(start = 1); equation der(h) = -sqrt(1/max(h, 0)); end M;")
+    value = ca.Function("s", [flat.xi, flat.derivatives, flat.theta], [flat.residual])
+    assert abs(float(value(0.25, 0.0, flat.theta_values))) == pytest.approx(2.0)
+    assert not np.isfinite(float(value(0.0, 0.0, flat.theta_values)))
+
+
 def test_algorithm_section_of_assignments_and_conditionals(compiled: Compile) -> None:
     flat = compiled(
         "model M input Real x; output Real y; Real t; algorithm t := 2*x; algorithm if x > 3 then y := t;"

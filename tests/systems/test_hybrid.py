@@ -454,9 +454,11 @@ def test_no_event_makes_none_beside_other_events():
 @pytest.mark.parametrize(
     "more", ["", "Real c(start = 0, fixed = true); equation when time > 1 then c = 1; end when;"]
 )
-def test_a_tank_runs_empty(more):
+@pytest.mark.parametrize("flow", ["sqrt(max(0, h))", "sqrt(2*p*max(h, 0)/4)"])
+def test_a_tank_runs_empty(more, flow):
     """Torricelli: h = (1 - t/2)^2 until t = 2, then nothing flows any more."""
-    text = f"model T Real h(start = 1, fixed = true); {more} equation der(h) = -sqrt(max(0, h)); end T;"
+    text = f"model T parameter Real p = 2; Real h(start = 1, fixed = true); {more} equation der(h) = -{flow};"
+    text += " end T;"
     found = run(model(text), 4)
     assert found["h"] == pytest.approx(np.maximum(1 - found.time / 2, 0) ** 2, abs=1e-6)
 

@@ -22,7 +22,7 @@ from daest.model.parts import NoiseInput
 from daest.modelica.compile import compile_text
 from daest.systems.linearize import linearize
 from daest.systems.noise import noise_report
-from daest.systems.reduce import reduce_index
+from daest.systems.reduce import chosen_states, reduce_index
 from daest.systems.simulate import _from_sample_to_sample
 
 MODELS = {
@@ -62,6 +62,11 @@ def flat_residual(explicit, arguments):
     ]
     size = 1.0 + sum(np.abs(s) @ np.abs(p) for s, p in zip(values[1:], (rates, xi, u, w), strict=True))
     return values[0].ravel(), size
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_states_are_chosen_as_by_the_whole_reduction(name):
+    assert chosen_states(MODELS[name]()) == reduce_index(MODELS[name]()).state_names
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -39,6 +39,7 @@ from daest.diagnosis.coloured import (
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions, Progress
+from daest.diagnosis.reasons import unmoved
 from daest.diagnosis.trial import fitted_candidate
 from daest.diagnosis.verdict import Evidence
 from daest.errors import ConfigError, ModelError, NumericalError
@@ -149,7 +150,8 @@ def diagnose_black_box(
         partial(_proof, refit), leaders, flat, baseline, options, progress, "fmu proof"
     )
     rest = Residual(lambda: is_white(residuals) or _is_noise_of(flat, baseline, estimation), "FMU")
-    evidence = Evidence(alone, screen, proofs, options.fitted, rest, None, unproved, True, tuple(validation))
+    still = unmoved(estimation, validation)
+    evidence = Evidence(alone, screen, proofs, options.fitted, rest, None, unproved, True, still)
     return diagnosis_of(evidence, baseline, _limits_of_the_box(case), began)
 
 

@@ -21,7 +21,7 @@ from daest.modelica.balances import DOMAINS, LEVEL
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import fits
 from daest.numerics.evaluator import along
-from daest.systems.reduce import reduce_index
+from daest.systems.reduce import chosen_states, reduce_index
 
 MOST_SHAPES = 32  # of one effect at one place: thinned out, periodic effects lose whole phases
 TIME = "time"  # a grid may be relative to it: the duration of the recording
@@ -75,13 +75,16 @@ def keeping_order(
         if not candidate.effect.is_dynamic or candidate.is_of_signal:
             return False
         try:
-            grown = reduce_index(attached(flat, [candidate]))
+            whole = attached(flat, [candidate])
+            if chosen_states(whole) != explicit.state_names:
+                return False
+            grown = reduce_index(whole)
         except DaestError:
             return False
         # What an input holds is no store, though its rate is known.
         is_held = len(grown.input_derivatives) > len(explicit.input_derivatives)
         is_no_store = candidate.effect.is_of_store and (is_held or not _is_stored(grown, candidate))
-        return grown.state_names == explicit.state_names and not is_no_store
+        return not is_no_store
 
     told = (replace(c, keeps_order=True) if keeps(c) else c for c in candidates)
     return tuple(c for c in told if c.keeps_order or not c.effect.is_of_store)

@@ -114,7 +114,10 @@ class Course:
         # Those whose runs are short lead: beside them, the others need not be pursued as far.
         n_first = min(max(n_used, 1 if fits else FIRST_TRIALS), len(chosen))
         quick, slow = _by_states(chosen[:n_first])
-        proofs += stages.proved([*stages.prepared(given), *quick], proofs)[0]
+        first = [*stages.prepared(given), *quick]
+        if len(first) == 1:
+            stages.compile_ahead(first[0], dynamic)
+        proofs += stages.proved(first, proofs)[0]
         proofs += stages.proved(slow, proofs)[0]
         rest = chosen[n_first:FIRST_TRIALS]
         if rest and leader_of(proofs) is None:

@@ -124,15 +124,25 @@ def dynamics_along(
     rtol: float,
 ) -> tuple[ErrorDynamics, ...]:
     """Of every experiment along its filtered states (n_samples, n), predictions starting from them."""
-    is_varying = explicit.invariants is None and explicit.n_states <= MOST_STATES
-    if not is_varying or has_affine_dynamics(explicit):
+    if not is_varying(explicit):
         return (average_dynamics(average),) * len(experiments)
-    model = integrator(_pushed(explicit), _pushes(explicit.n_states), runs_once=True)
+    model = pushed_integrator(explicit)
     slopes = jacobians(explicit).slice("output_slopes", range(4), [2])
     return tuple(
         _along(explicit, model, slopes, *one, hold, rtol)
         for one in zip(experiments, filtered, predicted, strict=True)
     )
+
+
+def is_varying(explicit: ExplicitModel) -> bool:
+    """Whether the dynamics of errors change along a recording, and are followed."""
+    has_few = explicit.invariants is None and explicit.n_states <= MOST_STATES
+    return has_few and not has_affine_dynamics(explicit)
+
+
+def pushed_integrator(explicit: ExplicitModel) -> Integrator:
+    """What follows the errors of a model whose dynamics vary."""
+    return integrator(_pushed(explicit), _pushes(explicit.n_states), runs_once=True)
 
 
 def _pushes(n: int) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from daest.diagnosis.chosen import chosen_candidates
 from daest.diagnosis.course import Course
 from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.faulty import EMPTY, faults_told
-from daest.diagnosis.free_forms import free_forms
+from daest.diagnosis.free_forms import free_forms, keep_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.learned import learned_load, said, with_formula
 from daest.diagnosis.load_starts import starts_from_nowhere
@@ -22,7 +22,7 @@ from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, grown, open_hold, with_other_hold
 from daest.diagnosis.open_loop import driven_share, open_screen
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
-from daest.diagnosis.reasons import is_significant
+from daest.diagnosis.reasons import is_significant, unmoved
 from daest.diagnosis.recorded_late import gain_of_earlier_inputs
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.diagnosis.stages import DynamicTasks, dynamic_effects
@@ -76,8 +76,10 @@ def _examined(
         beside.append(_Beside(stand, run, pool))
         known = keeping_order(null.flat, null.explicit, candidates)
         beside[0].begin_simulations(known)
-        found = screen(null, run, known, options.seed)
-        if reference is None or reference.adds_up:
+        is_only = reference is None or reference.adds_up
+        # A screen in open loop asks this process for the models that the first one has made.
+        found = screen(null, run, known, options.seed, pool if is_only else None)
+        if reference is None or is_only:
             return stand, known, run, found, None
         return stand, known, run, found, open_screen(null, reference.fit, known, options.seed)
 
@@ -96,6 +98,7 @@ def _examined(
     gains = place_gains(null, run)
     load = smoothed_load(null, run, gains)
     forms = beside[0].free_forms() if beside else free_forms(null, run)
+    keep_forms(null, forms)
     form = next(iter(forms), None)
     bought = null.fit.log_likelihood - stand.told.log_likelihood
     starts = starts_from_nowhere(null, bought, sum(one.log_likelihood_gain for one in gains))
@@ -115,7 +118,7 @@ def _examined(
         loads,
         stand.told,
         unproved,
-        validation=stand.validation,
+        still=unmoved(null.experiments, stand.validation),
     )
     if proofs and not options.is_over:
         evidence = replace(evidence, earlier=gain_of_earlier_inputs(null))

@@ -8,6 +8,7 @@ is calibrated, the loads of the null and a constant load being part of the hypot
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -54,6 +55,23 @@ class Basis:
     x: np.ndarray
     shown: np.ndarray
     over_a_turn: bool = False
+
+
+_known: deque[tuple[Null, tuple[FreeForm, ...]]] = deque(maxlen=2)
+"""All forms of what was examined last: a pair of effects is proved beside the same null once more."""
+
+
+def keep_forms(null: Null, forms: tuple[FreeForm, ...]) -> None:
+    """Keep all forms of a null, wherever they were found."""
+    _known.appendleft((null, forms))
+
+
+def forms_of(null: Null, run: NullObserver) -> tuple[FreeForm, ...]:
+    """All forms of a null and its observer `run`, those that are kept where they are."""
+    for other, forms in tuple(_known):
+        if other is null:
+            return forms
+    return free_forms(null, run)
 
 
 def free_forms(null: Null, run: NullObserver, variables: Iterable[str] | None = None) -> tuple[FreeForm, ...]:

@@ -24,7 +24,7 @@ from daest.diagnosis.holds import AGAIN, BACK, IN_VAIN, better_hold, says_as_muc
 from daest.diagnosis.load_starts import QUICK, says_as_much_as_starts
 from daest.diagnosis.null import known_values, without_memory
 from daest.diagnosis.options import DiagnoseOptions, Progress
-from daest.diagnosis.reasons import not_determined
+from daest.diagnosis.reasons import not_determined, unmoved
 from daest.diagnosis.rounds import accept, gains_beside, proved_again, proved_beside, with_kinks
 from daest.diagnosis.screen import promising_pairs
 from daest.diagnosis.settled import FAILURES
@@ -288,6 +288,8 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
             grown = _with_best(task, path, diagnosis)
             path = path if _displaces(path, grown) else grown
         return [_late(task, replace(path, last=diagnosis), "all candidates of a round were refitted")]
+    if not accepted and unmoved(stand.null.experiments, stand.validation):
+        return [path.ended(diagnosis, diagnosis.message)]
     if not accepted:
         other = _exchanged(task, path, diagnosis) or _with_pair(task, path, diagnosis)
         if other is not None:

@@ -90,7 +90,7 @@ def learned_load(
         told = white
         if not reference.adds_up:
             told = simulated(null, white, flat, null.experiments, validation)
-        against, _, _ = judged(ahead, reference.fit, told, reference.adds_up)
+        against, _, _ = judged(ahead, reference.fit, told, reference.adds_up, holding=reference.holding)
         own = [p.name for p in told.parameters if p.name not in null.estimated]
         curve = _of_fit(curve, own, told)
     before = _validation_errors(reference.fit)

@@ -523,6 +523,15 @@ def refit(
     return found.judged(validation)
 
 
+def searched_names(null: Null, names: Sequence[str]) -> tuple[str, ...]:
+    """The parameters that `refitted` searches in a model of which it is to tell those of `names`."""
+    return (*names, *_searched_times(null))
+
+
+def _searched_times(null: Null) -> tuple[str, ...]:
+    return tuple(f"{load.name}.T" for load in null.loads if load.size > 0.0)
+
+
 def refitted(
     flat: FlatModel,
     explicit: ExplicitModel,
@@ -542,10 +551,7 @@ def refitted(
     """
     known = {p.name: p for p in flat.parameters}
     bounds = {name: (known[name].min, known[name].max) for name in names}
-    times = dict.fromkeys(
-        (f"{load.name}.T" for load in null.loads if load.size > 0.0),
-        _time_constants(null.experiments, null.slowest),
-    )
+    times = dict.fromkeys(_searched_times(null), _time_constants(null.experiments, null.slowest))
     coordinates = tuple(
         parameter_coordinate(flat, name, known[name].value, limits)
         for name, limits in (bounds | times).items()

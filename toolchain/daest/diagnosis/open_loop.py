@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daest.diagnosis.candidates import courses, ranges
+from daest.diagnosis.free_starts import free_runs
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown
 from daest.diagnosis.screen import RTOL, run_null, screen
 from daest.diagnosis.settled import FAILURES
-from daest.diagnosis.unseen import free_runs
 from daest.estimation.identify import identify
 from daest.estimation.signals import is_constant
 from daest.model.diagnosis import Candidate, InUse, Screen

@@ -12,6 +12,7 @@ import numpy as np
 from daest.diagnosis.dead_times import DELAY
 from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.free_forms import free_forms
+from daest.diagnosis.free_starts import misfit, steady_misfit
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown, loads_of, period_of, refitted
 from daest.diagnosis.open_loop import Simulated, in_use, says_more_in_use, simulated_errors, speaks_for
@@ -45,8 +46,6 @@ from daest.diagnosis.unseen import (
     innovations,
     is_worse,
     judged,
-    misfit,
-    steady_misfit,
 )
 from daest.errors import DaestError
 from daest.estimation.identify_nonlinear import Refit
@@ -70,14 +69,15 @@ CALM = 1e-6  # of the null's intensities of the loads, from which a search start
 @dataclass(frozen=True)
 class Reference:
     """The model as it is, without coloured loads: what a law must foresee unseen data better than.
-    `adds_up` tells that its simulation is dead reckoning, else `simulated` are the errors of that;
-    `innovations` are those of the unseen data beside its loads."""
+    `adds_up` tells that its simulation is dead reckoning, except of the outputs `holding`, else `simulated`
+    are the errors of that; `innovations` are those of the unseen data beside its loads."""
 
     fit: FitResult
     foreseen: Foreseen | None = None
     adds_up: bool = False
     innovations: Innovations | None = None
     simulated: Simulated | None = None
+    holding: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -360,7 +360,9 @@ class _Judge:
         found = settled(null, refit.fit, flat, explicit, null.experiments, validation)
         if found is None:
             simulation = refit.simulated(validation)
-            against, _, is_told = judged((), reference.fit, simulation, reference.adds_up, told)
+            against, _, is_told = judged(
+                (), reference.fit, simulation, reference.adds_up, told, holding=reference.holding
+            )
             return None, (), against, is_told
         white, observer = found
         ahead = compared(reference.foreseen, foreseen(observer, validation), period_of(null.experiments))
@@ -368,7 +370,9 @@ class _Judge:
             final = white
         else:
             final = simulated(null, white, flat, null.experiments, validation, refit)
-        against, _, is_told = judged(ahead, reference.fit, final, reference.adds_up, told)
+        against, _, is_told = judged(
+            ahead, reference.fit, final, reference.adds_up, told, holding=reference.holding
+        )
         if against and not reference.adds_up and not any(is_worse(one) for one in ahead):
             steady = _steady_ratio(null, flat, explicit, final, validation, reference)
             against, _, is_told = judged(ahead, reference.fit, final, False, told, steady)

@@ -10,12 +10,12 @@ import numpy as np
 from daest.diagnosis.candidates import scaled_by, scaled_shapes
 from daest.diagnosis.certainty import KnownProduct, bends, certainty_of, known_products
 from daest.diagnosis.free_forms import covers
+from daest.diagnosis.free_starts import free_runs
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown
 from daest.diagnosis.open_loop import driven_share, largest_values, values_along
 from daest.diagnosis.screen import NullObserver, law_response, run_null
 from daest.diagnosis.trials import Prepared
-from daest.diagnosis.unseen import free_runs
 from daest.errors import DaestError
 from daest.estimation.signals import is_constant
 from daest.model.diagnosis import Candidate, FreeForm, Proof
@@ -33,13 +33,27 @@ ALONG = 200  # values of a signal at which a bend of it is looked at
 PLACED = 0.5  # of what its variable reaches, from which a shape is looked for as a place along it
 
 
-def unmoved(validation: Sequence[Experiment]) -> str:
-    """Why unseen data confirm nothing in which no input and no output of any recording changes: they tell one
-    level of every output, which any law with a parameter more may hit. Empty where something changes."""
-    signals = [s[np.isfinite(s)] for e in validation for s in (*e.inputs.T, *e.outputs.T)]
-    if not validation or not all(is_constant(s) for s in signals if s.size):
+def unmoved(fitted: Sequence[Experiment], validation: Sequence[Experiment]) -> str:
+    """Why unseen data confirm nothing in which no input of any recording changes, and no output beside what
+    it does in the `fitted` ones: they tell one level of every output, which any law with a parameter more may
+    hit. Empty where something changes."""
+    inputs = [signal for e in validation for signal in e.inputs.T]
+    if not validation or not all(is_constant(signal) for signal in inputs):
+        return ""
+    spread = np.nanstd(np.concatenate([e.outputs for e in fitted]), axis=0)
+    moves = np.array([_spread(e.outputs) for e in validation])
+    if np.any(moves > GATES.standing_share * spread):
         return ""
     return "the unseen data stand still and confirm no law"
+
+
+def _spread(outputs: np.ndarray) -> np.ndarray:
+    """The standard deviation (n_y,) of outputs (n_samples, n_y), zero where none was measured."""
+    seen = np.isfinite(outputs)
+    count = np.maximum(seen.sum(axis=0), 1)
+    values = np.where(seen, outputs, 0.0)
+    mean = values.sum(axis=0) / count
+    return np.sqrt(np.sum(np.where(seen, outputs - mean, 0.0) ** 2, axis=0) / count)
 
 
 def undriven(model: Null) -> str:
@@ -158,14 +172,23 @@ def unseen_scales(model: Null, candidate: Candidate, told: FitResult) -> dict[st
     scaled = [p for p in scaled_shapes(candidate) if not _is_place(p)]
     if not scaled:
         return {}
-    reached = largest_values(grown(model, model.flat, model.explicit, told, model.experiments))
+    run = grown(model, model.flat, model.explicit, told, model.experiments)
+    reached = largest_values(run)
     found = {}
     for p in scaled:
         value = abs(told.theta[f"{candidate.name}.{p.name}"])
-        most = reached.get(scaled_by(candidate, p), np.inf)
+        variable = scaled_by(candidate, p)
+        most = _half_way(run, variable) if p.periods_over else reached.get(variable, np.inf)
         if value > GATES.max_scale * most:
             found[p.name] = (value, most)
     return found
+
+
+def _half_way(run: Null, variable: str) -> float:
+    """Half of the way that a variable covers in the simulation: where a law has a phase, the origin is free,
+    and a motion to one side of it shows half of what one to both sides does."""
+    values = values_along(run, [variable])
+    return np.inf if values is None else 0.5 * float(np.ptp(values))
 
 
 def out_of_reach(model: Null, candidate: Candidate, told: FitResult) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from daest.diagnosis.attempts import found_somehow
 from daest.diagnosis.candidates import fed
 from daest.diagnosis.disturbance import place_gains, smoothed_load
-from daest.diagnosis.free_forms import free_forms
+from daest.diagnosis.free_forms import forms_of
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown, open_inputs, period_of, refit, refitted
 from daest.diagnosis.proof import bic_gain
@@ -133,7 +133,7 @@ def proved_beside(stand: Stand, trial: Trial, values: Mapping[str, float], sharp
     with quiet():
         run = run_null(null)
         load = smoothed_load(null, run, place_gains(null, run))
-        form = next(iter(free_forms(null, run)), None)
+        form = next(iter(forms_of(null, run)), None)
         if stand.reference is not None and stand.validation:
             known = replace(stand.reference, innovations=innovations(run, stand.validation))
             stand = replace(stand, reference=known)

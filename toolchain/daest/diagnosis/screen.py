@@ -9,10 +9,11 @@ exactly.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain, pairwise
 
 import casadi as ca
@@ -34,6 +35,7 @@ from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel
 from daest.modelica.attach import components_with
 from daest.numerics.evaluator import along
+from daest.numerics.parallel import Workers, called
 from daest.numerics.statistics import autoregression, chi2, norm
 from daest.numerics.tables import turned
 from daest.systems.integrate import Integrator, inputs_at_ends, integrate, integrator, interval_inputs
@@ -49,6 +51,7 @@ ATOL_OF_SCALE = 0.1  # ... with their absolute tolerance where the sizes of the 
 ALONE = "has states that do not follow the model alone"  # why an effect is skipped
 HALVINGS = 8  # of a gain with which the observer runs away
 AT_HAND = 1 << 20  # numbers (8 MiB) of the responses that are made at a time
+MOST_SENT = 1 << 24  # numbers (128 MiB) of the responses that another process makes
 
 
 @dataclass(frozen=True)
@@ -185,9 +188,15 @@ def _run(
     )
 
 
-def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed: int = 0) -> Screen:
+def screen(
+    null: Null,
+    run: NullObserver,
+    candidates: Sequence[Candidate],
+    seed: int = 0,
+    pool: Workers | None = None,
+) -> Screen:
     """Scores of all candidates at their best shapes, best first. Candidates that change the order of the
-    model, or that cannot be attached, are listed as skipped with the reason.
+    model, or that cannot be attached, are listed as skipped with the reason. The `pool` may take a part.
 
     Raises EstimationError `diagnose-no-candidate`.
     """
@@ -208,7 +217,8 @@ def screen(null: Null, run: NullObserver, candidates: Sequence[Candidate], seed:
     def without(left: Sequence[Candidate]) -> Screen:
         others = [(c.label, ALONE) for c in left]
         wanted = [c for c in regular if c not in left]
-        found = _screened(null, run, wanted, [*skipped, *others], seed, len(candidates))
+        among = (seed, len(candidates), pool or Workers())
+        found = _screened(null, run, wanted, [*skipped, *others], *among)
         return _without_sums(found, contained)
 
     if following:
@@ -273,10 +283,11 @@ def _screened(
     skipped: Sequence[tuple[str, str]],
     seed: int,
     n_all: int,
+    pool: Workers,
 ) -> Screen:
     # States that effects bring beside those that the model has already leave others no place for theirs.
     groups = [[c for c in static if c.keeps_order is kept] for kept in (False, True)]
-    parts = [_responding(null, run, group) for group in groups if group]
+    parts = [_responding(null, run, group, pool) for group in groups if group]
     usable = tuple(chain.from_iterable(part.candidates for part in parts))
     refused = tuple(chain.from_iterable(part.refused for part in parts))
     if not usable and len(static) == n_all:
@@ -314,22 +325,31 @@ class _Responding:
     refused: tuple[tuple[str, str], ...]
 
 
-def _responding(null: Null, run: NullObserver, static: Sequence[Candidate]) -> _Responding:
+def _responding(null: Null, run: NullObserver, static: Sequence[Candidate], pool: Workers) -> _Responding:
     """The candidates with a shape for each that is worth trying, and what each does to the innovations.
 
     All shapes of an effect without states are values of its parameters in one model. One with states has a
-    component for every shape: along the motion its states differ."""
+    component for every shape: along the motion its states differ. These are one task, which takes about as
+    long as what came before it."""
+    began = time.monotonic()
     first, filtered = null.experiments[0], run.observed[0].filtered
     states = dict(zip(run.state_names, filtered.T, strict=True))
     usable, refused, explicit = attachable(null.flat, static)
     along_first = (explicit, first.time, states, first.inputs, run.observed[0].whitened)
     shaped = in_shapes(null.flat, usable, *along_first)
     pairs = [(c, one) for c, several in zip(usable, shaped, strict=True) for one in several]
-    parts = (
-        _in_one_model(null, run, explicit, [pair for pair in pairs if not pair[0].effect.n_states]),
-        _in_own_components(null, run, [one for c, one in pairs if c.effect.n_states]),
-    )
-    return _in_order([one.name for _, one in pairs], parts, refused)
+    own = [one for c, one in pairs if c.effect.n_states]
+    beside = [partial(_in_own_components, null, run, own)]
+    seconds = time.monotonic() - began if own and _may_be_sent(run, own) else 0.0
+    pool.begin(called, beside, seconds=seconds)
+    in_one = _in_one_model(null, run, explicit, [pair for pair in pairs if not pair[0].effect.n_states])
+    in_own = next(pool.map(called, beside, seconds=seconds)).get()
+    return _in_order([one.name for _, one in pairs], (in_one, in_own), refused)
+
+
+def _may_be_sent(run: NullObserver, shaped: Sequence[Candidate]) -> bool:
+    """Whether the responses to candidates are few enough to come from another process."""
+    return sum(len(c.effect.sizes) for c in shaped) * run.whitened.size <= MOST_SENT
 
 
 def _in_one_model(

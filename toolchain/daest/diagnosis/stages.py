@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from daest.diagnosis.ahead import ONE_COMPILATION, compilations
 from daest.diagnosis.attempts import proof_by_attempts
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.in_use import shown_in_use
@@ -155,6 +156,11 @@ class Stages:
         self.lost.extend(stage[i] for i in sorted(known) if _has_fallen_short(stage[i], known[i]))
         others = [outcomes[i].get() if i in outcomes else None for i in range(len(missing), len(tasks))]
         return [known[i] for i in sorted(known)], others
+
+    def compile_ahead(self, leader: Prepared, following: Sequence[Prepared]) -> None:
+        """Let other processes compile what the refits run, while this one pursues that of the `leader`."""
+        tasks = compilations(self.search.stand.null, leader, following)
+        self.pool.begin(called, tasks, seconds=ONE_COMPILATION)
 
     def second_tries(self, proofs: Sequence[Proof], found: Screen) -> list[Proof]:
         """All laws, those that are `lost` from the start of a simulation by multiple shooting, which takes

@@ -21,7 +21,7 @@ from daest.diagnosis.open_loop import simulated_errors
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import Reference, bic_gain
 from daest.diagnosis.settled import FAILURES, settled, simulated
-from daest.diagnosis.unseen import adds_up, foreseen
+from daest.diagnosis.unseen import adds_up, foreseen, steady_outputs
 from daest.errors import EstimationError
 from daest.estimation.identify import identify, tied_parameters
 from daest.estimation.records import part_of
@@ -86,13 +86,30 @@ def begin(
 
     def fitted() -> Stand:
         free, tied = _scaled(without_noises(flat), both[0])
-        null, baseline, reference = _fitted(free, null_of, unseen_by)
+        null, baseline, reference = _fitted(free, null_of, unseen_by, both[0])
         other = unseen(null.other_hold) if held is not None and null.other_hold else None
         declared = replace(flat, parameters=free.parameters)
         return Stand(declared, null, baseline, unseen_by(null), began, reference, other, tied)
 
     parts = (options.hold, options.tried, options.slowest_load, *sorted(options.near.items()))
     return replace(options.step("null", parts, flat, fitted), began=began)
+
+
+def _begun_where_it_runs(
+    null_near: Callable[[Mapping[str, float]], Null], flat: FlatModel, experiments: Sequence[Experiment]
+) -> Null:
+    """The null that is searched for from the given values; where the model cannot be simulated from there, as
+    a tank that runs empty since its outlet is taken too large, near those of a search that cuts the
+    recordings into pieces."""
+    try:
+        return null_near({})
+    except EstimationError as error:
+        if error.code != "identify-no-start":
+            raise
+        with suppress(*FAILURES):
+            if known := known_values(identify(flat, experiments, IdentifyOptions(method="oe"))):
+                return null_near(known)
+        raise
 
 
 def _scaled(
@@ -128,12 +145,13 @@ def _fitted(
     flat: FlatModel,
     null_of: Callable[[FlatModel, Mapping[str, float]], Null],
     unseen_by: Callable[[Null], tuple[Experiment, ...]],
+    experiments: Sequence[Experiment] = (),
 ) -> tuple[Null, FitResult, Reference | None]:
     """The null that `null_of` makes of the model, near values if any are known, and its `_told_fits` on the
     experiments `unseen_by` it; from the values without coloured loads where these are likelier
     (`_not_astray`), and with the parameters held where loads would take over what the inputs do
     (`_simulated_better`)."""
-    null = null_of(flat, {})
+    null = _begun_where_it_runs(lambda near: null_of(flat, near), flat, experiments)
     baseline, reference = _told_fits(null, unseen_by(null))
     null, baseline, reference = _not_astray(
         null, baseline, reference, lambda near: null_of(flat, near), unseen_by
@@ -227,7 +245,7 @@ def limited(
 
     def fitted() -> Stand:
         quiet = without_noises(found.flat)
-        null, baseline, reference = _fitted(quiet, null_of, lambda _: stand.validation)
+        null, baseline, reference = _fitted(quiet, null_of, lambda _: stand.validation, known.experiments)
         return replace(stand, null=null, baseline=baseline, reference=reference)
 
     parts = (known.hold, known.recorded_hold, known.other_hold, *(law.name for law in found.laws))
@@ -311,7 +329,8 @@ def reference_of(null: Null, fit: FitResult, validation: Sequence[Experiment]) -
             flat = null.flat.with_theta(told.theta)
             explicit = replace(null.explicit, flat=flat)
             errors = simulated_errors(null, flat, explicit, told, null.experiments, validation)
-        return Reference(told, foreseen(observer, validation), reckons, simulated=errors)
+        holding = steady_outputs(observer) if reckons else ()
+        return Reference(told, foreseen(observer, validation), reckons, simulated=errors, holding=holding)
 
 
 @contextmanager

@@ -33,6 +33,7 @@ from daest.diagnosis.coloured import (
     worth_a_refit,
 )
 from daest.diagnosis.options import DiagnoseOptions, Progress
+from daest.diagnosis.reasons import unmoved
 from daest.diagnosis.verdict import Evidence
 from daest.errors import DaestError, EstimationError
 from daest.estimation.fitted import fitted_model
@@ -101,9 +102,8 @@ def diagnose_switching(
         partial(_proof, refit), leaders, flat, baseline, options, progress, "events proof"
     )
     rest = Residual(lambda: is_white(residuals))
-    evidence = Evidence(
-        baseline, screen, proofs, options.fitted, rest, unproved=unproved, validation=tuple(validation)
-    )
+    still = unmoved(case.experiments, validation)
+    evidence = Evidence(baseline, screen, proofs, options.fitted, rest, unproved=unproved, still=still)
     return diagnosis_of(evidence, baseline, " ".join(_remarks(case)), began)
 
 

@@ -9,41 +9,31 @@ reached tells nothing of the rest of the record.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 import numpy as np
 
+from daest.diagnosis.free_starts import best_start
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null, with_noise
+from daest.diagnosis.null import with_noise
 from daest.diagnosis.screen import ATOL_OF_SCALE, RTOL, NullObserver, run_null
 from daest.errors import DaestError
-from daest.estimation.delay_starts import long_past_of
 from daest.estimation.observer import observer
-from daest.estimation.records import n_observed
 from daest.model.diagnosis import Ahead, Confirmed
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
-from daest.model.flat import ExplicitModel, FlatModel
 from daest.quantities import spoken_duration
-from daest.systems.initialize import initial_point
 from daest.systems.integrate import Integrator, integrate, integrator
-from daest.systems.integration import Correction, IntegrationError, Trajectory
+from daest.systems.integration import Correction, IntegrationError
 
 HORIZONS = (1, 3, 10, 30, 100)  # samples, as far as LONGEST allows
 LONGEST = 0.1  # of the shortest recording
 TAKES_UP = 20  # samples for which the observer follows the data before it is left alone again
 UNSEEN = 1e-9  # share of a direction that is new to the outputs, below which it is rounding
-START_SAMPLES = 300  # that the initial state is fitted to
-START_PARTS = (0.02, 0.07, 0.25, 1.0)  # of these: windows over which the search for it grows
-FEWEST_AT_START = 4  # samples of such a window
-LONGER = 2  # times as long is the next window, as long as the observer remembers the start
-START_ITERATIONS = 15
 FEWEST_STRETCHES = 5
 CORRECTED = (0.03, 0.1, 0.3)  # of an innovation, by observers that follow more closely than the fit asks for
-CONSTANT = 1e6  # durations, the time constant of a load that keeps its value
 LOUDER = 10.0 ** np.arange(-12, 13)  # times the loads of the fit
 
 
@@ -125,7 +115,7 @@ def _followed(run: NullObserver, experiments: Sequence[Experiment]) -> _Followed
     starts, errors = [], []
     for experiment in experiments:
         try:
-            starts.append(_initial_state(run.null, model, experiment, run.gain, run.root))
+            starts.append(best_start(run.null, model, experiment, run.gain, run.root))
             errors.append(_stretches(run, model, experiment, starts[-1], 1))
         except IntegrationError:
             return None
@@ -256,13 +246,15 @@ def judged(
     adds_up: bool,
     told: Confirmed | None = None,
     steady: float | None = None,
+    holding: Sequence[str] = (),
 ) -> tuple[str, bool, bool]:
     """Why unseen data speak against the effect (empty where they do not), whether they speak clearly for it,
     and whether it does away with most of the error at some horizon. `adds_up` tells that the whole
     simulation is dead reckoning, which counts for an effect, not against it, unless the model did without
     it what the machine did and does so no longer; `told` is what their likelihood says, and `steady` the
     ratio of the errors of simulations in which every recording has a constant load of its own
-    (`steady_misfit`), where it is smaller than that without."""
+    (`steady_misfit`), where it is smaller than that without. Errors of the outputs `holding` do not add up
+    where others do: no effect may simulate one of them clearly worse."""
     ratios = error_ratios(before.simulated, after.simulated)
     whole = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.nan
     whole = whole if steady is None else min(whole, steady)
@@ -284,9 +276,21 @@ def judged(
     has_held = whole > GATES.max_followed_ratio and _is_followed(before)
     if ratios and whole > most and not (adds_up and is_clear and not has_held):
         return f"the simulation of unseen data gets {whole:.3g} times worse", False, False
+    lost = max(((ratio, name) for name, ratio in _ratios_of(before, after, holding)), default=(0.0, ""))
+    if adds_up and lost[0] > 1.0 / GATES.max_clear_ratio:
+        return f"the simulation of {lost[1]} of unseen data gets {lost[0]:.3g} times worse", False, False
     if not is_clear:
         return "unseen data are foreseen no better", False, False
     return "", True, min(best, whole if whole == whole else 1.0) < GATES.max_most_ratio
+
+
+def _ratios_of(before: FitResult, after: FitResult, names: Sequence[str]) -> list[tuple[str, float]]:
+    """Errors of some outputs of simulated unseen data relative to what they were, where both are known."""
+    old, new = (fit.simulated.get("validation") for fit in (before, after))
+    if old is None or new is None:
+        return []
+    pairs = [(name, old.rms.get(name), new.rms.get(name)) for name in names]
+    return [(name, b / a) for name, a, b in pairs if a and b is not None]
 
 
 def _is_followed(fit: FitResult) -> bool:
@@ -299,12 +303,24 @@ def _is_followed(fit: FitResult) -> bool:
 def adds_up(run: NullObserver) -> bool:
     """Whether the outputs see a mode that keeps errors for longer than the records are: an angle that nothing
     holds, say. Where only the speed is measured, such an angle does nothing to the simulation."""
+    return _keep_errors(run, range(len(run.average.C)))
+
+
+def steady_outputs(run: NullObserver) -> tuple[str, ...]:
+    """Names of the outputs that see no mode that keeps errors, whatever others see: the twist of a shaft that
+    turns freely, say. What is simulated of them counts beside an angle that drifts away."""
+    names = run.null.flat.output_names
+    return tuple(name for row, name in enumerate(names) if not _keep_errors(run, [row]))
+
+
+def _keep_errors(run: NullObserver, rows: Sequence[int]) -> bool:
+    """Whether the outputs of these rows see a mode that keeps errors for longer than the records are."""
     duration = max(float(e.time[-1] - e.time[0]) for e in run.null.experiments)
     loads = {load.name for load in run.null.loads}
     own = [i for i, name in enumerate(run.state_names) if name not in loads]
     if not own:
         return False
-    seen = _seen_dynamics(run.average.A[np.ix_(own, own)], run.average.C[:, own])
+    seen = _seen_dynamics(run.average.A[np.ix_(own, own)], run.average.C[np.ix_(rows, own)])
     rates = np.linalg.eigvals(seen).real
     return bool(np.max(rates, initial=-np.inf) > -1.0 / (GATES.steady_duration * duration))
 
@@ -325,179 +341,6 @@ def _seen_dynamics(A: np.ndarray, C: np.ndarray) -> np.ndarray:
             waiting.append(basis[-1] @ A)
     q = np.array(basis).reshape(len(basis), A.shape[0])
     return q @ A @ q.T
-
-
-def free_runs(null: Null, experiments: Sequence[Experiment]) -> tuple[Trajectory, ...] | None:
-    """The simulation of every experiment, from the initial state that fits its first samples best, loads at
-    rest; None where the model cannot be simulated."""
-    model = integrator(null.explicit)
-    still = np.zeros((len(null.explicit.state_names), len(null.flat.outputs)))
-    root = np.diag(1.0 / null.measurement_std)
-    runs = []
-    for experiment in experiments:
-        try:
-            x0 = _initial_state(null, model, experiment, still, root)
-            runs.append(
-                integrate(
-                    model, experiment.time, experiment.inputs, null.theta, x0, hold=null.hold, rtol=RTOL
-                )
-            )
-        except IntegrationError:
-            return None
-    return tuple(runs)
-
-
-def misfit(
-    null: Null, experiments: Sequence[Experiment], std: np.ndarray, resting: str | None = None
-) -> float | None:
-    """Sum of the squared errors of the simulation of a model, relative to the `std` (n_y,) of its outputs,
-    where every experiment has an initial state of its own, loads at rest; with those states at rest, too,
-    that belong to the component `resting`. None where it cannot be simulated."""
-    loads = {load.name for load in null.loads}
-    names = null.explicit.state_names
-    free = np.array([name not in loads and name.partition(".")[0] != resting for name in names])
-    free &= ~_shaped(null, experiments)
-
-    def begun(experiment: Experiment) -> np.ndarray:
-        return np.where(free, initial_point(null.explicit, null.theta, experiment.inputs[0])[0], 0.0)
-
-    return _squared_errors(null, integrator(null.explicit), experiments, np.diag(1.0 / std), free, begun)
-
-
-def _squared_errors(
-    null: Null,
-    model: Integrator,
-    experiments: Iterable[Experiment],
-    root: np.ndarray,
-    free: np.ndarray,
-    begun: Callable[[Experiment], np.ndarray],
-) -> float | None:
-    """Sum of the squared errors, whitened with the `root` (n_y, n_y), of simulations that start where the
-    states that are `free` (n,) fit the whole experiment best, searched from where it has `begun`. None where
-    one of them cannot be simulated."""
-    gain, total = np.zeros((free.size, len(null.flat.outputs))), 0.0
-    for experiment in experiments:
-        try:
-            begin = begun(experiment)
-        except IntegrationError:
-            return None
-        found = _searched_start(null, model, experiment, gain, root, begin, free, experiment.n_samples)
-        total += found.error * n_observed([experiment])
-    return total if np.isfinite(total) else None
-
-
-def steady_misfit(
-    null: Null, flat: FlatModel, explicit: ExplicitModel, experiments: Sequence[Experiment]
-) -> float | None:
-    """Mean squared error of the simulation of `flat`, whose dynamics are `explicit`, whitened with the noise
-    of the `null`'s sensors, where every experiment has a constant load and an initial state of its own.
-    Inputs that the model has not are ignored, further ones are columns of `extra`. None where it cannot be
-    simulated.
-
-    From one recording to the next a room is warmer, the zero of a sensor elsewhere, a bearing tighter: that
-    much of the error belongs to no law, and hides what a law does.
-    """
-    duration = max(float(e.time[-1] - e.time[0]) for e in experiments)
-    lasting = flat.with_theta({f"{load.name}.T": CONSTANT * duration for load in null.loads})
-    still = replace(null, flat=lasting, explicit=replace(explicit, flat=lasting))
-    model = integrator(still.explicit)
-    root, free = np.diag(1.0 / null.measurement_std), ~_shaped(still, experiments)
-    gain = np.zeros((free.size, len(flat.outputs)))
-    names = flat.input_names
-    driving = (one.as_driving(names) for one in experiments)
-    begun = partial(_initial_state, still, model, gain=gain, root=root)
-    return _squared_errors(still, model, driving, root, free, begun)
-
-
-def _initial_state(
-    null: Null, model: Integrator, experiment: Experiment, gain: np.ndarray, root: np.ndarray
-) -> np.ndarray:
-    """The state at the first sample that the observer follows the data from best, loads at rest: by errors
-    whitened with the `root` (n_y, n_y). That is of the innovations where there is a gain: a fit with hardly
-    any load needs no measurement, and leaves the noise of a sensor open, be it beyond all that it shows.
-
-    It is looked for from the model's start at once, and over windows that grow: over a short one a law that
-    bends or sticks hardly matters, so that what it finds is near. Where hardly any load is left, the observer
-    does not correct anything and the start decides over all that follows: the window grows with it.
-    """
-    begin = initial_point(null.explicit, null.theta, experiment.inputs[0])[0]
-    loads = {load.name for load in null.loads}
-    free = np.array([name not in loads for name in null.explicit.state_names])
-    free &= ~_shaped(null, [experiment])
-    begin = np.where(free, begin, 0.0)
-    n = min(START_SAMPLES, experiment.n_samples)
-    at_once = _searched_start(null, model, experiment, gain, root, begin, free, n)
-    grown = _Start(begin)
-    for part in START_PARTS:
-        rows = max(int(part * n), FEWEST_AT_START)
-        grown = _searched_start(null, model, experiment, gain, root, grown.state, free, rows)
-    best = min(at_once, grown, key=lambda found: found.error)
-    while n < experiment.n_samples and best.remembered > GATES.max_remembered:
-        n = min(LONGER * n, experiment.n_samples)
-        best = _searched_start(null, model, experiment, gain, root, best.state, free, n)
-    return best.state
-
-
-def _shaped(null: Null, experiments: Sequence[Experiment]) -> np.ndarray:
-    """The states (n,) that hold a curve which a long delay would keep from before a recording: as free as
-    they are they would do what the data do."""
-    return np.any([long_past_of(null.explicit, null.theta, e) for e in experiments], axis=0)
-
-
-@dataclass(frozen=True)
-class _Start:
-    """A state (n_x,) to begin with, its mean squared whitened error over a window, and what it does to the
-    outputs at the end of that relative to what it does at most."""
-
-    state: np.ndarray
-    error: float = np.inf
-    remembered: float = 0.0
-
-
-def _searched_start(
-    null: Null,
-    model: Integrator,
-    experiment: Experiment,
-    gain: np.ndarray,
-    root: np.ndarray,
-    begin: np.ndarray,
-    free: np.ndarray,
-    n: int,
-) -> _Start:
-    """The state found from `begin` by Gauss-Newton in the states that are `free` over the first n samples,
-    whose errors are whitened with the `root`."""
-    time, inputs, y = experiment.time[:n], experiment.inputs[:n], experiment.outputs[:n]
-    best, step = _Start(begin), np.zeros(begin.size)
-    for _ in range(START_ITERATIONS):
-        try:
-            run = integrate(
-                model, time, inputs, null.theta, best.state + step, hold=null.hold, sensitivities=True,
-                correction=Correction(y, gain), rtol=RTOL,
-            )  # fmt: skip
-        except IntegrationError:
-            step = 0.5 * step
-            continue
-        seen = np.isfinite(y - run.outputs)
-        error = np.where(seen, y - run.outputs, 0.0) @ root.T
-        value = float(np.sum(error**2)) / seen.sum() if seen.any() else np.inf
-        if value >= best.error:  # a law that bends lets whole steps miss
-            step = 0.5 * step
-            continue
-        is_there = value > (1.0 - GATES.unseen_start_progress) * best.error
-        slopes = root @ np.where(seen[:, :, None], run.sensitivities[:, :, free], 0.0)
-        best = _Start(best.state + step, value, _share_at_end(slopes))
-        if is_there:
-            break
-        step = np.zeros(begin.size)
-        step[free] = np.linalg.lstsq(slopes.reshape(error.size, -1), error.ravel(), rcond=1e-8)[0]
-    return best
-
-
-def _share_at_end(slopes: np.ndarray) -> float:
-    """The size of slopes (n, n_y, n_free) in the last tenth of the samples relative to the largest one."""
-    sizes = np.linalg.norm(slopes, axis=(1, 2))
-    largest = float(np.max(sizes, initial=0.0))
-    return float(np.max(sizes[-max(sizes.size // 10, 1) :])) / largest if largest > 0.0 else 0.0
 
 
 def _stretches(

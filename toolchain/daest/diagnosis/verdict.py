@@ -11,12 +11,11 @@ import numpy as np
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.load_starts import LoadStart, takes_over
 from daest.diagnosis.null import Null
-from daest.diagnosis.reasons import is_significant, told_values, unmoved
+from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.unseen import is_likelier, is_silent
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Unproved, VerdictName
 from daest.model.effects import Domain
-from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, error_ratios
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
@@ -62,7 +61,8 @@ class Rest(Protocol):
 
 @dataclass(frozen=True)
 class Evidence:
-    """All that the verdict rests on. `fitted` are values of an earlier fit."""
+    """All that the verdict rests on. `fitted` are values of an earlier fit, `still` tells why unseen data
+    confirm nothing (`reasons.unmoved`)."""
 
     baseline: FitResult
     screen: Screen
@@ -72,7 +72,7 @@ class Evidence:
     told: FitResult | None = None  # of the model as it is, without coloured loads
     unproved: tuple[Unproved, ...] = ()
     is_closed: bool = False  # nothing can be put, or measured, between the parts of the model
-    validation: Sequence[Experiment] = ()
+    still: str = ""
     earlier: float = 0.0  # log-likelihood that the model gains where its inputs act before they are recorded
 
 
@@ -129,10 +129,9 @@ class Decided:
 def decide(evidence: Evidence) -> Decided:
     """The verdict, with the proofs as it leaves them. A claim needs a candidate that passed every gate of the
     proof, unseen data in which something moves, and no leader of the screen that could not be tried."""
-    still = unmoved(evidence.validation)
-    if still:
-        rejected = tuple(_refused(p, still) for p in evidence.proofs)
-        decided = decide(replace(evidence, proofs=rejected, validation=()))
+    if evidence.still:
+        rejected = tuple(_refused(p, evidence.still) for p in evidence.proofs)
+        decided = decide(replace(evidence, proofs=rejected, still=""))
         return decided if rejected == evidence.proofs else replace(decided, next_experiment=MOVING)
     if evidence.earlier:
         return _beside_earlier(evidence)

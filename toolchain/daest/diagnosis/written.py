@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from daest.diagnosis.compare import compare_models
+from daest.diagnosis.compare import follower
 from daest.diagnosis.trial import Candidate as Trialled
+from daest.diagnosis.trial import agreement
 from daest.errors import ModelError
+from daest.estimation.records import in_model_order
 from daest.model.diagnosis import Candidate, Improvement, LearnedLoad, Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
@@ -238,9 +240,9 @@ def simulated_rms(
     that the experiments lack are their recorded `columns`."""
     silent = replace(flat, noises=tuple(replace(w, intensity=0.0) for w in flat.noises))
     model = declare(silent, outputs=list(outputs))
-    driven = [_driven(e, flat.input_names, columns) for e in experiments]
-    comparison = compare_models([Trialled(flat.name, model, 0, hold)], driven)
-    return dict(comparison.models[0].simulation.rms)
+    driven = [in_model_order(_driven(e, flat.input_names, columns), model) for e in experiments]
+    found = follower(Trialled(flat.name, model, 0, hold), driven)(model.theta_values)
+    return dict(agreement(model, driven, found).rms)
 
 
 def _driven(experiment: Experiment, names: Sequence[str], columns: Mapping[str, str]) -> Experiment:

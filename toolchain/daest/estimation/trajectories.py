@@ -8,7 +8,7 @@ with the parameters.
 
 from __future__ import annotations
 
-from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -30,7 +30,8 @@ from daest.systems.integrate import Integrator, Record, integrate_all, interval_
 from daest.systems.integration import Correction, IntegrationError, Trajectory
 from daest.systems.tolerances import SOLVER
 
-MOST_KEPT = 4  # trajectories
+LEAST_KEPT, MOST_KEPT = 4, 24  # trajectories: as many as `KEPT_VALUES` allow, the last ones in any case
+KEPT_VALUES = 5_000_000  # of their states, outputs and sensitivities, 40 MB
 
 
 @dataclass(frozen=True)
@@ -187,14 +188,10 @@ def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = Fa
     refuse_derivatives(problem.model.explicit, problem.hold, theta)
     gain, gain_slopes = problem.corrected_by(z, with_slopes)
     starts, experiments = problem.initial_states(z), problem.experiments
-
-    def key(i: int) -> tuple:
-        return _key(problem, theta, starts[i], gain)
-
-    found = {}
-    if not with_slopes:
-        known = (_known(problem, e, key(i)) for i, e in enumerate(experiments))
-        found = {i: one for i, one in enumerate(known) if one is not None}
+    along = _directions(problem, gain_slopes) if with_slopes else None
+    keys = [_key(problem, theta, start, gain) for start in starts]
+    known = (_known(problem, e, key, along) for e, key in zip(experiments, keys, strict=True))
+    found = {i: one for i, one in enumerate(known) if one is not None}
     missing = [i for i in range(len(experiments)) if i not in found]
     made = integrate_all(
         problem.model,
@@ -209,23 +206,39 @@ def integrated(problem: TrajectoryProblem, z: np.ndarray, with_slopes: bool = Fa
         state_scale=problem.state_scale,
     )
     found |= dict(zip(missing, made, strict=True))
-    for i in missing[-MOST_KEPT:]:
-        _kept.append(_Kept(_engine(problem), experiments[i], key(i), _without_slopes(found[i])))
+    _keep([_Kept(_engine(problem), experiments[i], keys[i], along, found[i]) for i in missing])
     return [found[i] for i in range(len(experiments))]
 
 
 @dataclass(frozen=True)
 class _Kept:
-    """A trajectory without its sensitivities: the point at which a search ends is asked for again by what
-    judges it."""
+    """A trajectory, its sensitivities those of the directions `along`, None for none: the point at which a
+    search ends is asked for again by what judges it, and the next search begins there."""
 
     engine: Any
     experiment: Experiment
     key: tuple
+    along: tuple | None
     trajectory: Trajectory
 
+    @property
+    def n_values(self) -> int:
+        made = self.trajectory
+        return made.states.size + made.outputs.size + made.sensitivities.size
 
-_kept: deque[_Kept] = deque(maxlen=MOST_KEPT)
+
+_kept: list[_Kept] = []
+
+
+def _keep(made: Sequence[_Kept]) -> None:
+    """Keep what was made last, with its sensitivities where there is room for them; of what was made before,
+    as much as there is room for without."""
+    is_small = sum(one.n_values for one in made) <= KEPT_VALUES
+    before = [_without_slopes(one) for one in _kept] if made else _kept
+    several = [*before, *(made if is_small else map(_without_slopes, made))][-MOST_KEPT:]
+    while len(several) > LEAST_KEPT and sum(one.n_values for one in several) > KEPT_VALUES:
+        del several[0]
+    _kept[:] = several
 
 
 def _engine(problem: TrajectoryProblem) -> Any:
@@ -239,17 +252,30 @@ def _key(problem: TrajectoryProblem, theta: np.ndarray, x0: np.ndarray, gain: np
     return problem.hold, problem.rtol, problem.atol_of_scale, given, *(a.tobytes() for a in arrays)
 
 
-def _known(problem: TrajectoryProblem, experiment: Experiment, key: tuple) -> Trajectory | None:
-    """The same run, if it is one of the last ones."""
+def _directions(problem: TrajectoryProblem, gain_slopes: np.ndarray | None) -> tuple:
+    """What tells the directions of sensitivities from others."""
+    names = () if problem.holds_parameters else problem.model.names
+    return names, problem.holds_parameters, None if gain_slopes is None else gain_slopes.tobytes()
+
+
+def _known(
+    problem: TrajectoryProblem, experiment: Experiment, key: tuple, along: tuple | None
+) -> Trajectory | None:
+    """The same run, if it is one of the last ones, with the sensitivities `along` directions, if any."""
     engine = _engine(problem)
     for one in tuple(_kept):
-        if one.key == key and one.engine is engine and one.experiment is experiment:
-            return one.trajectory
+        is_same = one.key == key and one.engine is engine and one.experiment is experiment
+        if is_same and along in (None, one.along):
+            return (_without_slopes(one) if along is None else one).trajectory
     return None
 
 
-def _without_slopes(made: Trajectory) -> Trajectory:
-    return replace(made, sensitivities=made.sensitivities[:, :, :0].copy())
+def _without_slopes(one: _Kept) -> _Kept:
+    if one.along is None:
+        return one
+    made = one.trajectory
+    bare = replace(made, sensitivities=made.sensitivities[:, :, :0].copy())
+    return replace(one, along=None, trajectory=bare)
 
 
 def _covariance(problem: TrajectoryProblem, errors: tuple[np.ndarray, ...]) -> np.ndarray:

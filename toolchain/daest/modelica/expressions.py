@@ -367,6 +367,8 @@ class Evaluator:
             return declared
         if node.function == "sqrt" and (inner := _clipped(node.arguments[0])) is not None:
             return v.mapped(v.root_of_positive_part, self.value(inner))
+        if node.function == "sqrt" and _has_clipped_factor(node.arguments[0]):
+            return v.mapped(v.root_of_positive_part, self.value(node.arguments[0]))
         arguments = [self.value(argument) for argument in node.arguments]
         if node.function in _GUARDED:
             arguments = [self._inside(argument, _SAFE) for argument in arguments]
@@ -565,6 +567,14 @@ def _clipped(node: s.Node) -> s.Node | None:
         return None
     is_zero = [isinstance(one, s.Constant) and one.value == 0 for one in node.arguments]
     return node.arguments[1 - is_zero.index(True)] if any(is_zero) else None
+
+
+def _has_clipped_factor(node: s.Node) -> bool:
+    """Whether a product or quotient is zero where a clipped factor of it is, as `2*g*max(h, 0)`."""
+    if not isinstance(node, s.Binary) or node.operator not in ("*", ".*", "/", "./"):
+        return _clipped(node) is not None
+    factors = (node.left,) if node.operator.endswith("/") else (node.left, node.right)
+    return any(_has_clipped_factor(factor) for factor in factors)
 
 
 def _is_plain(node: s.Node) -> TypeGuard[s.Name]:

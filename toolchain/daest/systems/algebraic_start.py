@@ -57,7 +57,9 @@ def _followed(
     slopes = ca.jacobian(conditions, flat.xi)
     arguments = [flat.derivatives, flat.xi, flat.u, flat.w, flat.theta, flat.time]
     evaluate = ca.Function("agreed", arguments, [conditions, slopes])
-    pattern = sp.csr_array(sp.csc_array(ca.DM(slopes.sparsity(), 1).sparse()))
+    entries = slopes.sparsity().get_triplet()
+    numbered = (np.arange(1, slopes.nnz() + 1), tuple(np.array(part, dtype=int) for part in entries))
+    pattern = sp.csr_array(numbered, shape=slopes.shape)  # of every entry its number, from 1
     point = xi.copy()
     declared = np.array([v.start is not None for v in flat.unknowns], dtype=bool)
     for _ in range(MAX_SWEEPS):
@@ -68,7 +70,8 @@ def _followed(
             is_known |= declared  # in loops of unknowns those with a start value of their own have that
             continue
         is_open[rows] = False
-        solved = _solved(lambda x: evaluate(0, x, u, 0, theta, time), point, rows, columns)
+        numbers = np.asarray(pattern[rows, columns]).ravel() - 1
+        solved = _solved(lambda x: evaluate(0, x, u, 0, theta, time), point, rows, columns, numbers)
         is_known[columns[solved]] = True
     return point, is_known
 
@@ -92,13 +95,15 @@ def _solved(
     point: np.ndarray,
     rows: np.ndarray,
     columns: np.ndarray,
+    numbers: np.ndarray,
 ) -> np.ndarray:
-    """Newton steps for row i in unknown columns[i], all at once, in place; which of them succeeded."""
+    """Newton steps for row i in unknown columns[i], all at once, in place; which of them succeeded.
+    numbers[i] is that of the slope of row i among those of `evaluate`."""
     before = point[columns].copy()
     for count in range(MAX_STEPS):
         residual, slopes = evaluate(point)
         value = residual.full()[rows, 0]
-        slope = np.asarray(sp.csr_array(sp.csc_array(slopes.sparse()))[rows, columns]).ravel()
+        slope = np.array(slopes.nonzeros())[numbers]
         is_done = np.abs(value) <= TOLERANCE * np.maximum(1.0, np.abs(slope * point[columns]))
         if count == 0:
             is_done = value == 0.0  # a small value, as 1e-14, is a value: at least one step is taken

@@ -61,12 +61,15 @@ class Differentiations:
 def signature(residual: ca.SX, derivatives: ca.SX, unknowns: ca.SX) -> Signature:
     """Signature of residual(derivatives, unknowns, …) with as many rows as unknowns."""
     n = residual.numel()
-    order = sp.lil_array((n, n), dtype=int)  # stored value is order + 1
-    for value, symbols in ((1, unknowns), (2, derivatives)):
-        rows, columns = ca.jacobian_sparsity(residual, symbols).get_triplet()
-        order[rows, columns] = value
-    entries = sp.coo_array(order)
-    return Signature(entries.row, entries.col, entries.data - 1, n)
+    plain, differentiated = (_places(residual, symbols) for symbols in (unknowns, derivatives))
+    places = np.union1d(plain, differentiated)
+    return Signature(places // n, places % n, np.isin(places, differentiated).astype(int), n)
+
+
+def _places(residual: ca.SX, symbols: ca.SX) -> np.ndarray:
+    """Where the symbols occur, as row times their number plus column."""
+    rows, columns = ca.jacobian_sparsity(residual, symbols).get_triplet()
+    return np.array(rows, dtype=int) * symbols.numel() + np.array(columns, dtype=int)
 
 
 def differentiations(sigma: Signature) -> Differentiations:
@@ -166,7 +169,8 @@ class ExpandedSystem:
 
     def pick(self, positions: list[tuple[int, int]]) -> ca.SX:
         """Column of the symbols of (unknown, order)."""
-        return ca.vertcat(ca.SX(0, 1), *(self.z[k][j] for j, k in positions))
+        n = self.z[0].numel()
+        return entries_of(ca.vertcat(*self.z), [k * n + j for j, k in positions])
 
     def in_unknowns(self, expression: ca.SX) -> ca.SX:
         """The expression of flat-model symbols (ξ', ξ) in the kept unknowns and their first derivatives."""
@@ -195,6 +199,11 @@ def expand(
     w = (flat.w, *(_symbols(flat.noise_names, k) for k in range(1, depth + 1)))
     rows, stacked = _differentiate(residual, counts.equations, z, u, w, flat.time)
     return ExpandedSystem(flat, aliases, sigma, counts, z, u, w, rows, stacked)
+
+
+def entries_of(column: ca.SX, positions: list[int]) -> ca.SX:
+    """The entries of a column at some positions, as a column."""
+    return column[positions] if positions else ca.SX(0, 1)
 
 
 def _symbols(names: Sequence[str], order: int) -> ca.SX:

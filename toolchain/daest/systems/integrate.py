@@ -564,8 +564,9 @@ def interval_inputs(
 def inputs_at_ends(
     explicit: Dynamics, time: np.ndarray, inputs: np.ndarray, hold: Hold
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What `interval_inputs` returns; derivatives that the samples do not have, of held inputs or of a higher
-    order, are zero where the model needs them."""
+    """What `interval_inputs` returns, each (n_samples - 1, n_ū); derivatives that the samples do not have, of
+    held inputs or of a higher order, are zero where the model needs them. Shapes: time (n_samples,), inputs
+    (n_samples, n_u)."""
     names = explicit.flat.input_names
     start, end = inputs[:-1], interval_ends(inputs, hold, names)
     held = held_inputs(hold, names)

@@ -24,6 +24,7 @@ from daest.systems.expand import (
     check_structure,
     derivative_name,
     differentiations,
+    entries_of,
     flat_signature,
     name_equations,
     nudged,
@@ -83,17 +84,54 @@ _reduced: deque[tuple[FlatModel, frozenset[str], ExplicitModel]] = deque(maxlen=
 """What was reduced last: commands ask for the form of the same model from several places."""
 
 
-def _explicit(flat: FlatModel, first_order: Collection[str]) -> ExplicitModel:
+def chosen_states(flat: FlatModel) -> tuple[str, ...]:
+    """The names of the states that `reduce_index` chooses, in half of its time. Raises ModelError
+    `structurally-singular`, `singular-after-reduction`; that the equations can be solved for what is no state
+    is not asked."""
+    return _chosen(flat).state_names
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    """Of a model, as far as its states are chosen: its differentiated equations, a point at which they hold,
+    and the choice; `in_source` are the differentiation counts of the flat equations."""
+
+    in_source: Differentiations
+    system: ExpandedSystem
+    point: SamplePoint
+    choice: StateChoice
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        variables = self.system.aliases.variables
+        return tuple(derivative_name(variables[j].name, k) for j, k in self.choice.states)
+
+
+def _chosen(flat: FlatModel) -> _Chosen:
+    for model, found in tuple(_begun):
+        if model is flat:
+            return found
     sigma = flat_signature(flat)
     check_structure(sigma, flat.equations, flat.unknowns, flat.name)
     in_source = differentiations(sigma)
     system = regular_system(flat)
     point = sample_point(system)
-    choice = choose_states(system, point)
-    definitions = _solve(system, choice, point, first_order)
+    found = _Chosen(in_source, system, point, choose_states(system, point))
+    _begun.append((flat, found))
+    return found
+
+
+_begun: deque[tuple[FlatModel, _Chosen]] = deque(maxlen=1)
+"""The model whose states were chosen last: who likes them asks for the rest."""
+
+
+def _explicit(flat: FlatModel, first_order: Collection[str]) -> ExplicitModel:
+    begun = _chosen(flat)
+    system, choice = begun.system, begun.choice
+    definitions = _solve(system, choice, begun.point, first_order)
     parts = expressions_of(system, choice, definitions)
     refuse_differentiated_noise(system, parts, definitions)
-    return assemble(system, choice, definitions, parts, in_source)
+    return assemble(system, choice, definitions, parts, begun.in_source)
 
 
 dynamics.register(FlatModel, reduce_index)
@@ -108,9 +146,7 @@ def _solve(
     # no pivot.
     memory = [i for i, p in enumerate(system.flat.parameters) if p.is_memory]
     steady = [i for i, p in enumerate(system.flat.parameters) if not p.is_memory]
-    kept, tunable = (
-        ca.vertcat(ca.SX(0, 1), *(system.flat.theta[i] for i in part)) for part in (memory, steady)
-    )
+    kept, tunable = (entries_of(system.flat.theta, part) for part in (memory, steady))
     known = ca.vertcat(system.pick(states), *system.u, *system.w, system.flat.time, kept)
     n_theta = len(system.flat.parameters)
 
@@ -124,8 +160,7 @@ def _solve(
 
     equations = equations_at(system.residual, z, known, tunable, values(point))
     small = [i for i, p in enumerate(system.flat.parameters) if p.name in first_order]
-    symbols = ca.vertcat(ca.SX(0, 1), *(system.flat.theta[i] for i in small))
-    around = Around(symbols, system.flat.theta_values[small])
+    around = Around(entries_of(system.flat.theta, small), system.flat.theta_values[small])
     try:
         return solve_blocks(equations, equations.values, around)
     except DependentEquations as error:

@@ -238,8 +238,10 @@ def dummy_counts(
 
 def _independent_columns(block: sp.csr_array, wish: np.ndarray, pivot: float, rows: np.ndarray) -> np.ndarray:
     """Positions of as many columns as rows, independent, of lowest wish; solved per connected component."""
-    n_rows = block.shape[0]
-    graph = sp.block_array([[None, block], [block.T, None]])
+    n_rows, n_columns = block.shape
+    entries = sp.coo_array(block)
+    nodes = (entries.coords[0], n_rows + entries.coords[1])
+    graph = sp.csr_array((np.ones(entries.nnz), nodes), shape=(n_rows + n_columns, n_rows + n_columns))
     _, label = connected_components(graph, directed=False)
     chosen: list[int] = []
     for component in np.unique(label[:n_rows]):
