@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +32,7 @@ from daest.model.defaults import MOST_EFFECTS
 if TYPE_CHECKING:
     from daest.cli.diagnose import Case, Search
     from daest.diagnosis.written import Written
-    from daest.model.diagnosis import Improvement, Step
+    from daest.model.diagnosis import Improvement
     from daest.model.holds import Hold
 
 PICTURE = "staircase.png"
@@ -153,7 +156,7 @@ def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any
             models, names = written_steps(case.source, case.class_name, found, passing, case.folders)
             load = offered_load(case.source, case.class_name, found, models, names, passing, case.folders)
         unseen = _unseen(case, found.recorded_hold)
-        errors = {i: simulated(unseen, found.steps[i], written) for i, written in models.items()}
+        errors = _simulated(unseen, found, models)
     files = _files(models, found)
     document = {
         **with_names(improvement_document(found, files, load=load), names),
@@ -185,19 +188,30 @@ def _unseen(case: Case, hold: Hold | None) -> Case:
     return replace(case, validation=list(as_recorded(case.validation, held[1], hold)))
 
 
-def simulated(case: Case, step: Step, written: Written) -> dict[str, float | None] | None:
-    """Errors of the written model on the validation data; None where there is no model."""
+def _simulated(
+    case: Case, found: Improvement, models: Mapping[int, Written]
+) -> dict[int, dict[str, float | None]]:
+    """Errors of the written models on the validation data, by the number of the step, without those that
+    cannot be simulated. While another process simulates, this one gets ready to draw."""
     from daest.diagnosis.written import simulated_rms
+    from daest.numerics.parallel import called, workers
 
-    if written.extension is None:
-        return None
-    outputs = case.flat.output_names
-    flat = written.extension.flat
-    try:
-        return simulated_rms(flat, outputs, written.columns, case.validation, step.fit.hold)
-    except DaestError as problem:
-        note(f"{written.extension.class_name} cannot be simulated: {problem.what}")
-        return None
+    names, made = case.flat.output_names, {i: w.extension for i, w in models.items() if w.extension}
+    tasks = [
+        partial(simulated_rms, one.flat, names, models[i].columns, case.validation, found.steps[i].fit.hold)
+        for i, one in made.items()
+    ]
+    errors = {}
+    with workers(case.options.jobs) as pool:
+        pool.begin(called, tasks)
+        if tasks:
+            import_module("matplotlib.figure")  # a second, which the picture takes in any case
+        for (number, one), outcome in zip(made.items(), pool.map(called, tasks), strict=True):
+            if isinstance(outcome.error, DaestError):
+                note(f"{one.class_name} cannot be simulated: {outcome.error.what}")
+            else:
+                errors[number] = outcome.get()
+    return errors
 
 
 def _compare(number: int, step: dict[str, Any]) -> None:
