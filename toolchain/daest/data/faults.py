@@ -436,8 +436,8 @@ def _computed(a: Series, b: Series, period: float) -> list[Finding]:
 
 def _nothing_new(column: Series, what: str) -> Finding:
     text = (
-        f"{what}: it holds nothing new; as two outputs they would be counted twice, and where one is an input "
-        "and the other an output, a controller makes it of that (a closed loop)"
+        f"{what}: it holds nothing new; as two outputs they would be counted twice, and an input that is one "
+        "of an output is made by a controller (a closed loop)"
     )
     return Finding("check-computed", "note", column.name, text)
 
