@@ -152,16 +152,21 @@ def test_errors_of_outputs_in_units_far_apart_have_not_run_away():
     assert found is not None and found.covariance[1, 1] > 1e15 * found.covariance[0, 0]
 
 
-@pytest.mark.parametrize("gain", [None, np.array([[0.3], [0.5]])])
-def test_what_was_run_with_slopes_is_not_run_again_without(gain, monkeypatch):
-    p, runs = problem(gain=gain), []
-    integrate_all = trajectories.integrate_all
+def counted_runs(monkeypatch):
+    """The recordings that are integrated from now on."""
+    runs, integrate_all = [], trajectories.integrate_all
 
     def counted(model, records, *given, **options):
         runs.extend(records)
         return integrate_all(model, records, *given, **options)
 
     monkeypatch.setattr(trajectories, "integrate_all", counted)
+    return runs
+
+
+@pytest.mark.parametrize("gain", [None, np.array([[0.3], [0.5]])])
+def test_what_was_run_with_slopes_is_not_run_again_without(gain, monkeypatch):
+    p, runs = problem(gain=gain), counted_runs(monkeypatch)
     z = start(p)
     first = prediction_errors(p, z, with_slopes=True)
     again = prediction_errors(p, z)
@@ -180,14 +185,7 @@ def test_what_was_run_with_slopes_is_not_run_again_without(gain, monkeypatch):
 
 @pytest.mark.parametrize("gain", [None, np.array([[0.3], [0.5]])])
 def test_what_was_run_last_with_slopes_is_not_run_again(gain, monkeypatch):
-    p, runs = problem(gain=gain), []
-    integrate_all = trajectories.integrate_all
-
-    def counted(model, records, *given, **options):
-        runs.extend(records)
-        return integrate_all(model, records, *given, **options)
-
-    monkeypatch.setattr(trajectories, "integrate_all", counted)
+    p, runs = problem(gain=gain), counted_runs(monkeypatch)
     z = start(p)
     trajectories._kept.clear()
     first = prediction_errors(p, z, with_slopes=True)

@@ -64,7 +64,9 @@ def nonlinear_trial(candidate: Candidate, experiments: Sequence[Experiment], mod
     problem, z = _begun(_problem(candidate, experiments, model))
     simulated = prediction_errors(problem, z)
     known = np.array([output.noise_std is not None for output in flat.outputs], dtype=bool)
-    predicted, std, cov = _with_past(problem, z, simulated), np.zeros(0), np.zeros(0)
+    free = _with_past(problem, z)
+    predicted = simulated if free is z else prediction_errors(problem, free)
+    z, std, cov = free, np.zeros(0), np.zeros(0)
     notes: tuple[str, ...] = ()
     is_output_error = not any(noise.intensity for noise in flat.noises)
     if predicted is not None and is_output_error:
@@ -165,10 +167,10 @@ def _searched(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
     return z if found is None else found.z
 
 
-def _with_past(problem: TrajectoryProblem, z: np.ndarray, simulated: Errors | None) -> Errors | None:
-    """Simulated with whatever long delays kept when the recordings began: what nobody recorded tells nothing
+def _with_past(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
+    """z (n_z,) with whatever long delays kept when the recordings began: what nobody recorded tells nothing
     against a model."""
-    return prediction_errors(problem, _searched(problem, z)) if np.any(problem.long_past(z)) else simulated
+    return _searched(problem, z) if np.any(problem.long_past(z)) else z
 
 
 def _observer(candidate: Candidate, problem: TrajectoryProblem, simulated: Errors) -> Observer | None:

@@ -40,7 +40,7 @@ def unmoved(fitted: Sequence[Experiment], validation: Sequence[Experiment]) -> s
     inputs = [signal for e in validation for signal in e.inputs.T]
     if not validation or not all(is_constant(signal) for signal in inputs):
         return ""
-    spread = np.nanstd(np.concatenate([e.outputs for e in fitted]), axis=0)
+    spread = _spread(np.concatenate([e.outputs for e in fitted]))
     moves = np.array([_spread(e.outputs) for e in validation])
     if np.any(moves > GATES.standing_share * spread):
         return ""

@@ -101,7 +101,7 @@ class NonlinearEnds:
         measured = [e.outputs for e in experiments]
         if end.cut is not None and is_fitted:
             return agreement_of(names, measured, whole_errors(end.cut)[0].errors)
-        problem = problem if with_gain else replace(problem, gain=None, experiments=experiments)
+        problem = replace(problem, gain=problem.gain if with_gain else None, experiments=experiments)
         rests = np.zeros((len(experiments), problem.n_states), dtype=bool)
         if not with_gain:
             rests = problem.long_past(end.found.z)
@@ -109,7 +109,7 @@ class NonlinearEnds:
             # What was searched: the initial states are the best ones.
             errors = prediction_errors(problem, end.found.z)
             return agreement_of(names, measured, None if errors is None else errors.errors)
-        problem = replace(problem, experiments=experiments).held_at(end.found.z)
+        problem = problem.held_at(end.found.z)
         if is_fitted:
             z = end.found.z[len(self.setup.unknowns.coordinates) :]
         else:
