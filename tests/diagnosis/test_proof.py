@@ -937,7 +937,7 @@ def test_law_of_a_simulation_that_leaves_all_its_parameters_open_is_none(monkeyp
     """A wall of hardly any conductance and any time constant simulates a part of a day better."""
     stand, (prepared, beside) = rubbing(), proved()
     used = InUse(fitted=0.6, unseen=0.9, n_independent=40.0, n_unseen=30.0, certainty=5.0)
-    monkeypatch.setattr(proving, "_in_use", lambda *_: used)
+    monkeypatch.setattr(proving, "used_by", lambda *_: used)
     monkeypatch.setattr(proving, "weak", lambda *_: "")
     own = f"{prepared.trial.candidate.name}."
     parameters = tuple(

@@ -252,13 +252,16 @@ class Confirmed:
 class InUse:
     """What a simulation says of a law: the logarithms of the ratios of mean squared errors without to with
     it, of the `fitted` and of the `unseen` data, the samples of each that count as independent (0: nothing is
-    known), and how many standard errors the mean squares of the unseen ones are apart."""
+    known), and how many standard errors the mean squares of the unseen ones are apart. `piece` is the
+    duration [s] of the pieces of the records that are simulated, each from a start of its own; 0: the whole
+    records are."""
 
     fitted: float = 0.0
     unseen: float = 0.0
     n_independent: float = 0.0
     n_unseen: float = 0.0
     certainty: float = 0.0
+    piece: float = 0.0
 
     @property
     def gain(self) -> float:
