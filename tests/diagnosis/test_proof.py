@@ -555,11 +555,12 @@ def test_a_share_that_is_all_of_it_is_no_parameter_beside_other_laws(share, verd
     assert found["DeadZone"] == ("supported" if verdict == "rejected" else "not separable")
 
 
+@pytest.mark.parametrize("why", ["is_any_dynamics", "comes_near"])
 @pytest.mark.parametrize(("ahead", "verdict"), [(0.0, "rejected"), (20.0, "supported")])
-def test_flexible_part_that_says_no_more_than_a_short_lag_is_refused(ahead, verdict):
+def test_flexible_part_that_says_no_more_than_a_refused_lag_is_refused(ahead, verdict, why):
     _, friction = proved()
     flexible = pairs(some_effects("FlexibleAppendage"), sites(model()))[0]
-    lag = replace(friction, verdict="rejected", is_any_dynamics=True, reason="it is short")
+    lag = replace(friction, verdict="rejected", reason="it is short", **{why: True})
     rich = replace(friction, candidate=flexible, delta_bic=lag.delta_bic + ahead)
     found = next(p for p in ranked([rich, lag]) if p.candidate is flexible)
     assert found.verdict == verdict
