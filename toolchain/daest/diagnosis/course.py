@@ -41,7 +41,15 @@ from daest.diagnosis.rivals import (
 )
 from daest.diagnosis.search import Search
 from daest.diagnosis.slow_loads import said_by_loads
-from daest.diagnosis.stages import MOST_IN_PIECES, MOST_IN_USE, DynamicTasks, Stages, in_time, is_same
+from daest.diagnosis.stages import (
+    MOST_IN_PIECES,
+    MOST_IN_USE,
+    TIME_IS_UP,
+    DynamicTasks,
+    Stages,
+    in_time,
+    is_same,
+)
 from daest.diagnosis.stand import Stand
 from daest.diagnosis.trials import Prepared, Trial, clipping_trials, trials
 from daest.model.diagnosis import Candidate, Proof, Screen, Unproved
@@ -335,6 +343,7 @@ def _unproved(
                 sizes=_possible(trial),
                 reason=reason,
                 has_failed=name in broken,
+                is_late=reason == TIME_IS_UP,
             )
         )
     return tuple(sorted(result, key=lambda u: -u.score))

@@ -223,6 +223,8 @@ def _explains_more(evidence: Evidence, better: Proof) -> str:
 def _by_hand(evidence: Evidence, one: Unproved) -> str:
     if evidence.is_closed:
         return "Record again with smaller amplitudes, at which the model can be simulated with it."
+    if one.is_late:
+        return f"Run the same command again, which goes on with {one.candidate.label}, or give it more time."
     return (
         f"Add {one.candidate.label} to the model (daest extend) and identify it, from sizes that make "
         "sense in the machine."

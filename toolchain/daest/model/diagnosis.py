@@ -331,7 +331,8 @@ class Proof:
 @dataclass(frozen=True)
 class Unproved:
     """A candidate that led the screen, or came to be tried, without a refit: the `reason` says why.
-    `has_failed` tells that its refit was tried in vain, so that it may well be what is missing."""
+    `has_failed` tells that its refit was tried in vain, so that it may well be what is missing, and `is_late`
+    that it was not begun since the time was up."""
 
     candidate: Candidate
     equivalent: tuple[str, ...]
@@ -340,6 +341,7 @@ class Unproved:
     sizes: tuple[float, ...]
     reason: str
     has_failed: bool = False
+    is_late: bool = False
 
 
 @dataclass(frozen=True)
