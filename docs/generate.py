@@ -31,7 +31,7 @@ from daest.cli.main import COMMANDS, cli
 from daest.cli.schema import schema_names, schema_of
 from daest.data.limits import DATA
 from daest.data.project import KEYS
-from daest.diagnosis import formulas, unseen
+from daest.diagnosis import formulas, pieces, unseen
 from daest.diagnosis.gates import GATES
 from daest.errors import EXPLANATIONS
 from daest.estimation.gates import FIT
@@ -327,6 +327,7 @@ def filled(markdown: str) -> str:
             ("data", DATA, "data/limits.txt"),
         ),
         unseen=unseen,
+        pieces=pieces,
         data=DATA,
         percent=percent,
     )

@@ -30,6 +30,7 @@ from daest.diagnosis.holds import says_more, unsettled_hold
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.rivals import _without_unseen_scales
+from daest.diagnosis.search import Search
 from daest.diagnosis.stages import Stages
 from daest.diagnosis.trials import Prepared
 from daest.errors import EstimationError
@@ -513,7 +514,7 @@ def test_law_seen_in_use_is_tried_at_every_place_that_the_screen_sees_alike(monk
 
     null = Loads()
     stand = SimpleNamespace(null=null, validation=(), reference=SimpleNamespace(simulated=1))
-    search = SimpleNamespace(stand=stand, n_screened=4)
+    search = Search(stand, None, None, None, 4)
     others = [partial(at, name) for name in ("u", "valve", "leak")]
     monkeypatch.setattr(in_use, "at_other_places", lambda *_: others)
     monkeypatch.setattr(in_use, "_fitted_in_use", fitted)

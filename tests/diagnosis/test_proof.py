@@ -555,11 +555,12 @@ def test_a_share_that_is_all_of_it_is_no_parameter_beside_other_laws(share, verd
     assert found["DeadZone"] == ("supported" if verdict == "rejected" else "not separable")
 
 
+@pytest.mark.parametrize("why", ["is_any_dynamics", "comes_near"])
 @pytest.mark.parametrize(("ahead", "verdict"), [(0.0, "rejected"), (20.0, "supported")])
-def test_flexible_part_that_says_no_more_than_a_short_lag_is_refused(ahead, verdict):
+def test_flexible_part_that_says_no_more_than_a_refused_lag_is_refused(ahead, verdict, why):
     _, friction = proved()
     flexible = pairs(some_effects("FlexibleAppendage"), sites(model()))[0]
-    lag = replace(friction, verdict="rejected", is_any_dynamics=True, reason="it is short")
+    lag = replace(friction, verdict="rejected", reason="it is short", **{why: True})
     rich = replace(friction, candidate=flexible, delta_bic=lag.delta_bic + ahead)
     found = next(p for p in ranked([rich, lag]) if p.candidate is flexible)
     assert found.verdict == verdict
@@ -937,7 +938,7 @@ def test_law_of_a_simulation_that_leaves_all_its_parameters_open_is_none(monkeyp
     """A wall of hardly any conductance and any time constant simulates a part of a day better."""
     stand, (prepared, beside) = rubbing(), proved()
     used = InUse(fitted=0.6, unseen=0.9, n_independent=40.0, n_unseen=30.0, certainty=5.0)
-    monkeypatch.setattr(proving, "_in_use", lambda *_: used)
+    monkeypatch.setattr(proving, "used_by", lambda *_: used)
     monkeypatch.setattr(proving, "weak", lambda *_: "")
     own = f"{prepared.trial.candidate.name}."
     parameters = tuple(

@@ -14,7 +14,7 @@ from daest.diagnosis.coloured import Residual
 from daest.diagnosis.holds import says_as_much
 from daest.diagnosis.reasons import unmoved
 from daest.diagnosis.verdict import AT_ONCE, MOVING, RECORDED, Evidence, Loads, decide
-from daest.model.diagnosis import Ahead, FreeForm, Load, PlaceGain, Proof, Screen, Screened, Unproved
+from daest.model.diagnosis import Ahead, FreeForm, InUse, Load, PlaceGain, Proof, Screen, Screened, Unproved
 from daest.model.fit import Agreement, FittedParameter
 from daest.modelica.sites import sites
 
@@ -110,6 +110,22 @@ def test_leader_that_could_not_be_tried_forbids_any_other_claim():
 def test_leader_that_could_not_be_tried_is_named_where_nothing_else_is_found():
     found = decide(replace(evidence(related=True), unproved=(untried(31.0),)))
     assert found.name == "cannot tell" and "QuadraticDrag" in found.message
+
+
+def test_leader_that_was_not_begun_in_time_is_no_work_for_the_user():
+    late = replace(untried(31.0), is_late=True)
+    found = decide(replace(evidence(related=True), unproved=(late,)))
+    assert "same command again" in found.next_experiment and "QuadraticDrag" in found.next_experiment
+
+
+def test_what_pieces_show_is_told_as_theirs():
+    used = InUse(
+        fitted=1.0, unseen=2.0 * np.log(2.0), n_independent=40.0, n_unseen=30.0, certainty=4.0, piece=0.5
+    )
+    shown = replace(proof(), ahead=(), is_by_use=True, in_use=used)
+    said = decide(evidence(proofs=[shown])).message
+    assert "50 % of the error of simulations over 0.5 s, each from a start of its own," in said
+    assert "unseen data simulated better by 4 standard errors" in said
 
 
 def test_curve_that_foresees_nothing_is_no_effect():
@@ -438,7 +454,7 @@ def test_fmu_is_judged_by_the_rules_of_equations():
 @pytest.mark.parametrize("adds_up", [False, True])
 def test_a_simulation_that_gets_worse_is_told_as_worse(monkeypatch, adds_up):
     monkeypatch.setattr(verdict_module, "_error_ratio", lambda evidence, proof: 1.57)
-    proof = SimpleNamespace(ahead=(Ahead(50, 0.2, 0.28, 9.0),), adds_up=adds_up)
+    proof = SimpleNamespace(ahead=(Ahead(50, 0.2, 0.28, 9.0),), adds_up=adds_up, is_by_use=False)
     text = verdict_module._importance(None, proof)
     assert "removes 72 % of the error of predictions 0.2 s ahead." in text
     assert "whole simulation gets 1.57 times larger" in text and ("it adds up" in text) == adds_up

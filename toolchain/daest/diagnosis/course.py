@@ -10,7 +10,9 @@ from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.disturbance import SmoothedLoad
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.late_signals import late_signals
+from daest.diagnosis.open_loop import open_screen
 from daest.diagnosis.options import DiagnoseOptions, Progress
+from daest.diagnosis.pieces import in_pieces
 from daest.diagnosis.ranking import (
     best_accepted,
     best_start,
@@ -39,7 +41,15 @@ from daest.diagnosis.rivals import (
 )
 from daest.diagnosis.search import Search
 from daest.diagnosis.slow_loads import said_by_loads
-from daest.diagnosis.stages import MOST_IN_USE, DynamicTasks, Stages, in_time
+from daest.diagnosis.stages import (
+    MOST_IN_PIECES,
+    MOST_IN_USE,
+    TIME_IS_UP,
+    DynamicTasks,
+    Stages,
+    in_time,
+    is_same,
+)
 from daest.diagnosis.stand import Stand
 from daest.diagnosis.trials import Prepared, Trial, clipping_trials, trials
 from daest.model.diagnosis import Candidate, Proof, Screen, Unproved
@@ -86,6 +96,7 @@ class Course:
         proofs = self._with_other_forms(stages, proofs)
         proofs = self._with_storage(stages, proofs)
         proofs = stages.shown_in_use(proofs)
+        proofs = self._with_shown_in_pieces(stages, proofs)
         proofs = stages.steadied(proofs)
         order = ranked(proofs)
         is_whole = not stages.late and None not in fits
@@ -185,20 +196,38 @@ class Course:
     def _with_storage(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with effects with states that a simulation shows, where no law is accepted and something
         is left to explain."""
-        stand, found = self.stand, self.screens[0]
-        evidence = verdicts.Evidence(
-            stand.baseline, found, tuple(proofs), self.options.fitted, self.loads, stand.told
-        )
-        is_open = best_accepted(ranked(proofs)) is None and not self.loads.is_explained(evidence)
-        if is_open and not self.options.is_over:
+        found = self.screens[0]
+        if self._is_open(proofs):
             proofs += stages.proved(stages.storage(found, self.candidates, proofs), proofs)[0]
             proofs += stages.proved(stages.bent(found, self.candidates, proofs), proofs)[0]
         return proofs
 
+    def _with_shown_in_pieces(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
+        """All laws, with those that a simulation in pieces shows, where no law is accepted, something is left
+        to explain, and the errors of a whole simulation add up."""
+        reference = self.stand.reference
+        if reference is None or not reference.adds_up or not self._is_open(proofs):
+            return proofs
+        pieces = in_pieces(self.stand, self.loads.run)
+        if pieces is None or pieces.reference is None:
+            return proofs
+        used = open_screen(pieces.null, pieces.reference.fit, self.candidates, self.options.seed)
+        leaders = [] if used is None else _leaders_in_use(used, MOST_IN_PIECES)
+        return stages.shown_in_pieces(pieces, leaders, proofs)
+
+    def _is_open(self, proofs: Sequence[Proof]) -> bool:
+        """Whether no law is accepted, something is left to explain, and there is time for it."""
+        stand = self.stand
+        evidence = verdicts.Evidence(
+            stand.baseline, self.screens[0], tuple(proofs), self.options.fitted, self.loads, stand.told
+        )
+        is_explained = self.loads.is_explained(evidence)
+        return best_accepted(ranked(proofs)) is None and not is_explained and not self.options.is_over
+
 
 def _untried(trials: Sequence[Trial], tried: Sequence[Candidate]) -> list[Trial]:
     """The trials but those of laws that are tried already."""
-    return [trial for trial in trials if not any(_is_same(trial, candidate) for candidate in tried)]
+    return [trial for trial in trials if not any(is_same(trial, candidate) for candidate in tried)]
 
 
 def _by_states(chosen: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
@@ -216,27 +245,27 @@ def _with_leaders(wanted: Sequence[Trial], used: Screen | None) -> tuple[tuple[T
         return tuple(wanted), 1
     leaders = [replace(trial, is_seen_in_use=True) for trial in _leaders_in_use(used)]
     marked = [
-        replace(trial, is_seen_in_use=any(_is_same(one, trial.candidate) for one in leaders))
+        replace(trial, is_seen_in_use=any(is_same(one, trial.candidate) for one in leaders))
         for trial in wanted
     ]
     first = marked[:1]
     known = [trial for trial in marked[1:] if trial.is_seen_in_use]
-    new = [one for one in leaders if not any(_is_same(one, trial.candidate) for trial in marked)]
+    new = [one for one in leaders if not any(is_same(one, trial.candidate) for trial in marked)]
     rest = [trial for trial in marked[1:] if not trial.is_seen_in_use]
     ahead = (*first, *known, *new)
     return (*ahead, *rest), len(ahead)
 
 
-def _leaders_in_use(used: Screen) -> list[Trial]:
-    """The first that lead the screen in open loop; of the laws that bend one signal the first alone, which
-    the others follow where it is accepted (`signal_laws`)."""
+def _leaders_in_use(used: Screen, most: int = MOST_IN_USE) -> list[Trial]:
+    """The first `most` that lead the screen in open loop; of the laws that bend one signal the first alone,
+    which the others follow where it is accepted (`signal_laws`)."""
     found: list[Trial] = []
     for trial in trials(used, GATES.in_use_level, len(used.entries)):
         bends = trial.candidate.is_of_signal and not trial.candidate.is_dynamic
         is_bent = any(one.candidate.site == trial.candidate.site for one in found)
         if not (bends and is_bent):
             found.append(trial)
-    return found[:MOST_IN_USE]
+    return found[:most]
 
 
 def _with_second_tries(proofs: Sequence[Proof], again: Sequence[Proof]) -> list[Proof]:
@@ -302,7 +331,7 @@ def _unproved(
         reasons[trial.candidate.name] = (trial, reason)
     broken = {trial.candidate.name for trial, _ in failed}
     for name, (trial, reason) in reasons.items():
-        if any(_is_same(trial, p.candidate) for p in proofs):
+        if any(is_same(trial, p.candidate) for p in proofs):
             continue
         entry = entries.get(name)
         result.append(
@@ -314,6 +343,7 @@ def _unproved(
                 sizes=_possible(trial),
                 reason=reason,
                 has_failed=name in broken,
+                is_late=reason == TIME_IS_UP,
             )
         )
     return tuple(sorted(result, key=lambda u: -u.score))
@@ -326,9 +356,3 @@ def _possible(trial: Trial) -> tuple[float, ...]:
         for p in trial.candidate.effect.sizes
     ]
     return tuple(min(max(size, low), high) for size, (low, high) in zip(trial.sizes, limits, strict=True))
-
-
-def _is_same(trial: Trial, candidate: Candidate) -> bool:
-    """Whether a candidate is the trial, at its place or at one that the sensors see alike."""
-    places = {trial.candidate.site.name, *(c.site.name for c in trial.alike)}
-    return trial.candidate.effect.class_name == candidate.effect.class_name and candidate.site.name in places

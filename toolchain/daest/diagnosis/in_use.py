@@ -10,11 +10,12 @@ from functools import partial
 from daest.diagnosis.candidates import fed
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.open_loop import ITERATIONS as IN_USE
-from daest.diagnosis.open_loop import fitted_in_use, is_far_behind
-from daest.diagnosis.proof import Reference, Searched, by_simulation, has_lost_its_way
+from daest.diagnosis.open_loop import fitted_in_use, is_far_behind, speaks_for
+from daest.diagnosis.pieces import told_of_whole
+from daest.diagnosis.proof import Reference, Searched, by_simulation, has_lost_its_way, used_by
 from daest.diagnosis.search import Search, as_prepared, at_other_places, end_of_search, likeliest_judged
 from daest.diagnosis.settled import FAILURES
-from daest.diagnosis.stand import Stand
+from daest.diagnosis.stand import Stand, quiet
 from daest.diagnosis.trials import GENTLE, Prepared, prepare
 from daest.model.diagnosis import Proof
 from daest.model.fit import FitResult
@@ -29,7 +30,7 @@ def shown_in_use(search: Search, prepared: Prepared, beside: Proof, accepted: Pr
     The screen tells places apart by what a law of hardly any size does there. A dead zone of finite width
     before a pump that cannot draw is not one behind the sensor: of the places that the screen sees alike,
     the one with the likeliest simulation is taken, and those that simulate as well are equivalent."""
-    stand = search.stand
+    stand = search.simulated
     if stand.reference is None or stand.reference.simulated is None:
         return beside
     found: list[tuple[Prepared, FitResult]] = []
@@ -53,7 +54,29 @@ def shown_in_use(search: Search, prepared: Prepared, beside: Proof, accepted: Pr
     shown = by_simulation(null, there, proof, fit, validation, stand.reference, search.n_screened, accepted)
     if shown.verdict == "rejected":
         return beside
-    return replace(shown, equivalent=tuple(other.trial.candidate.site.name for other, _ in others))
+    shown = replace(shown, equivalent=tuple(other.trial.candidate.site.name for other, _ in others))
+    if search.pieces is None:
+        return shown
+    longest = max(float(e.time[-1] - e.time[0]) for e in null.experiments)
+    return told_of_whole(search.stand, replace(shown, in_use=replace(shown.in_use, piece=longest)))
+
+
+def shown_in_pieces(search: Search, prepared: Prepared, beside: Proof | None) -> Proof | None:
+    """The proof of a candidate by the simulation of the search's pieces, where that takes most of its error
+    away; else that `beside` the loads, which may not be known: a refit beside loads takes much longer."""
+    stand, candidate = search.simulated, prepared.trial.candidate
+    if stand.reference is None:
+        return beside
+    with quiet():
+        fit = _fitted_in_use(stand, stand.reference, prepared)
+        if fit is None:
+            return beside
+        null = replace(stand.null, experiments=fed(stand.null.experiments, candidate))
+        used = used_by(null, prepared, fit, fed(stand.validation, candidate), stand.reference)
+        if used.ratio > GATES.max_most_ratio or not speaks_for(used, prepared.n_unknowns(null.estimated)):
+            return beside
+        beside = beside or _beside_loads(search, prepared)
+        return None if beside is None else shown_in_use(search, prepared, beside)
 
 
 def _beside_loads(search: Search, prepared: Prepared) -> Proof | None:
@@ -96,7 +119,7 @@ def _as_begun(first: tuple[Prepared, FitResult], here: Prepared) -> dict[str, fl
 def is_hopeless_in_use(search: Search, prepared: Prepared) -> bool:
     """Whether a few iterations leave the simulation of a candidate far behind that of the leader, of what it
     is fitted to and of unseen data alike: the rest of its search would be in vain."""
-    stand, leader = search.stand, search.leader
+    stand, leader = search.simulated, search.leader
     if leader is None or leader.final is None or leader.adds_up or stand.reference is None:
         return False
     try:

@@ -325,7 +325,7 @@ class _Judge:
         fit = refit.fit if final else refit.simulated(self.validation)
         last, used, is_shown = final or fit, InUse(), False
         if reference is not None and not against:
-            used = _in_use(self.fed, prepared, explicit, final, self.validation, reference)
+            used = used_by(self.fed, prepared, final, self.validation, reference)
             is_shown = speaks_for(used, self.n_own)
         ratios = tuple(
             error_ratios((reference.fit if reference else self.null_fit).simulated, last.simulated)
@@ -536,7 +536,7 @@ def by_simulation(
     loads, which refused it. Where an `accepted` law shows that something bends the signal, it is enough to
     say more than that one: which law it is is no question of chance."""
     explicit = prepared.reduced()
-    used = _in_use(null, prepared, explicit, found, validation, reference)
+    used = used_by(null, prepared, found, validation, reference)
     n_own = prepared.n_unknowns(null.estimated)
     is_shown = speaks_for(used, n_own) or (accepted is not None and says_more_in_use(used, accepted.in_use))
     refused = not is_shown or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
@@ -678,10 +678,9 @@ def _left(null: Null, with_effect: Null, after: NullObserver) -> FreeForm | None
     return forms[0] if forms else None
 
 
-def _in_use(
+def used_by(
     null: Null,
     prepared: Prepared,
-    explicit: ExplicitModel,
     final: FitResult | None,
     validation: Sequence[Experiment],
     reference: Reference,
@@ -690,7 +689,8 @@ def _in_use(
     if final is None or final.method != "oe" or reference.simulated is None:
         return InUse()
     flat = prepared.flat.with_theta(final.theta)
-    found = simulated_errors(null, flat, replace(explicit, flat=flat), final, null.experiments, validation)
+    explicit = replace(prepared.reduced(), flat=flat)
+    found = simulated_errors(null, flat, explicit, final, null.experiments, validation)
     return in_use(reference.simulated, found)
 
 

@@ -115,10 +115,12 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
 
 def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
     """Laws with states are refused that say no more than a lag or a delay with fewer parameters which is too
-    short to be told from others: a flexible part with three imitates the lag of a sensor."""
-    short, result = [p for p in proofs if p.is_any_dynamics], []
+    short to be told from others, or only comes near: a flexible part with three imitates the lag of a
+    sensor."""
+    lags, result = [p for p in proofs if p.is_any_dynamics or p.comes_near], []
     for proof in proofs:
-        simpler = [p for p in short if p.candidate.n_unknowns < proof.candidate.n_unknowns]
+        own = len(proof.candidate.estimated)
+        simpler = [p for p in lags if len(p.candidate.estimated) < own]
         same = next((p for p in simpler if proof.delta_bic <= p.delta_bic + GATES.same_bic), None)
         if proof.verdict != "rejected" and proof.candidate.effect.n_states and same is not None:
             reason = f"{same.candidate.label} says as much with fewer parameters, but {same.reason}"

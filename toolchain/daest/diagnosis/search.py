@@ -20,7 +20,8 @@ MOST_PLACES = 5  # that the sensors see alike, where a refit is tried again
 
 @dataclass(frozen=True)
 class Search:
-    """What every refit of a round needs; the `leader` is the best supported candidate of earlier stages."""
+    """What every refit of a round needs; the `leader` is the best supported candidate of earlier stages. A
+    law is simulated over the records of `pieces`, where those of the stand are too long for that."""
 
     stand: Stand
     run: NullObserver
@@ -28,6 +29,12 @@ class Search:
     form: FreeForm | None
     n_screened: int
     leader: Proof | None = None
+    pieces: Stand | None = None
+
+    @property
+    def simulated(self) -> Stand:
+        """The stand over whose records laws are simulated."""
+        return self.stand if self.pieces is None else self.pieces
 
 
 def end_of_search(search: Search, prepared: Prepared) -> Searched:

@@ -14,7 +14,7 @@ import numpy as np
 from daest.diagnosis.ahead import ONE_COMPILATION, compilations
 from daest.diagnosis.attempts import proof_by_attempts
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.in_use import shown_in_use
+from daest.diagnosis.in_use import shown_in_pieces, shown_in_use
 from daest.diagnosis.late_signals import is_late
 from daest.diagnosis.null import Null
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
@@ -32,7 +32,7 @@ from daest.diagnosis.rivals import (
 )
 from daest.diagnosis.search import MOST_PLACES, Search
 from daest.diagnosis.settled import FAILURES
-from daest.diagnosis.stand import quiet
+from daest.diagnosis.stand import Stand, quiet
 from daest.diagnosis.trials import Prepared, Trial, moved, prepare
 from daest.errors import DaestError
 from daest.estimation.records import n_observed
@@ -46,6 +46,7 @@ from daest.systems.linearize import has_affine_dynamics
 TIME_IS_UP = "it was not refitted: the time was up"
 DYNAMIC_PARTS = 3  # tasks that the fits of the effects with states are
 MOST_IN_USE = 3  # trials that lead the screen in open loop
+MOST_IN_PIECES = 8  # that lead that of a simulation in pieces, which takes little time
 LOOP = 3  # times the time of a run where a loop is solved by iterations at every point
 
 
@@ -281,16 +282,26 @@ class Stages:
         known = None if best is None or not best.is_by_use else best
         wanted = {p.candidate.name: p for p in (*doubted[:MOST_IN_USE], *_beside_in_use(best, proofs))}
         for proof in wanted.values():
-            candidate = proof.candidate
-            flat = with_equations(proof.flat, "a simulation").with_theta(proof.fit.theta)
-            prepared = Prepared(
-                Trial(candidate, proof.sizes, ()), flat, (*null.estimated, *candidate.estimated)
-            )
-            self.progress(f"simulating with {candidate.label}")
-            tasks.append(partial(shown_in_use, self.search, prepared, proof, known))
+            self.progress(f"simulating with {proof.candidate.label}")
+            tasks.append(partial(shown_in_use, self.search, _as_refitted(null, proof), proof, known))
         found = self.proved((), proofs, tasks)[1] if tasks else []
         shown = {p.candidate.name: p for p in found if p is not None}
         return [shown.get(p.candidate.name, p) for p in proofs]
+
+    def shown_in_pieces(
+        self, pieces: Stand, leaders: Sequence[Trial], proofs: Sequence[Proof]
+    ) -> list[Proof]:
+        """All laws, with those that lead the screen of the simulation in `pieces`, by that simulation where
+        it shows them."""
+        search, tasks = replace(self.search, pieces=pieces), []
+        for one in leaders:
+            known = next((p for p in proofs if is_same(one, p.candidate)), None)
+            ready = self.prepared([one]) if known is None else [_as_refitted(self.search.stand.null, known)]
+            self.progress(f"simulating pieces with {one.candidate.label}")
+            tasks += [partial(shown_in_pieces, search, prepared, known) for prepared in ready]
+        found = [p for p in self.proved((), proofs, tasks)[1] if p is not None] if tasks else []
+        names = {p.candidate.name for p in found}
+        return [*(p for p in proofs if p.candidate.name not in names), *found]
 
     def steadied(self, proofs: Sequence[Proof]) -> list[Proof]:
         """All laws; those that are not separable with the errors of unseen data beside constant loads, by
@@ -306,6 +317,19 @@ class Stages:
         ]
         found = {p.candidate.name: p for p in self.proved((), proofs, tasks)[1] if p is not None}
         return [found.get(p.candidate.name, p) for p in proofs]
+
+
+def is_same(trial: Trial, candidate: Candidate) -> bool:
+    """Whether a candidate is the trial, at its place or at one that the sensors see alike."""
+    places = {trial.candidate.site.name, *(c.site.name for c in trial.alike)}
+    return trial.candidate.effect.class_name == candidate.effect.class_name and candidate.site.name in places
+
+
+def _as_refitted(null: Null, proof: Proof) -> Prepared:
+    """The candidate of a proof, ready to be searched for from where its refit has ended."""
+    candidate = proof.candidate
+    flat = with_equations(proof.flat, "a simulation").with_theta(proof.fit.theta)
+    return Prepared(Trial(candidate, proof.sizes, ()), flat, (*null.estimated, *candidate.estimated))
 
 
 def dynamic_effects(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[Candidate]]:

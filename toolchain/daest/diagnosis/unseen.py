@@ -315,14 +315,25 @@ def steady_outputs(run: NullObserver) -> tuple[str, ...]:
 
 def _keep_errors(run: NullObserver, rows: Sequence[int]) -> bool:
     """Whether the outputs of these rows see a mode that keeps errors for longer than the records are."""
-    duration = max(float(e.time[-1] - e.time[0]) for e in run.null.experiments)
+    return bool(np.any(seen_modes(run, rows).real > slowest_decay(run.null.experiments)))
+
+
+def slowest_decay(experiments: Sequence[Experiment]) -> float:
+    """The real part [1/s] above which a mode keeps errors for longer than the records are."""
+    duration = max(float(e.time[-1] - e.time[0]) for e in experiments)
+    return -1.0 / (GATES.steady_duration * duration)
+
+
+def seen_modes(run: NullObserver, rows: Sequence[int]) -> np.ndarray:
+    """Eigenvalues (n,) [1/s] of the model's own dynamics, without its loads, that the outputs of these rows
+    see."""
     loads = {load.name for load in run.null.loads}
     own = [i for i, name in enumerate(run.state_names) if name not in loads]
     if not own:
-        return False
-    seen = _seen_dynamics(run.average.A[np.ix_(own, own)], run.average.C[np.ix_(rows, own)])
-    rates = np.linalg.eigvals(seen).real
-    return bool(np.max(rates, initial=-np.inf) > -1.0 / (GATES.steady_duration * duration))
+        return np.zeros(0)
+    return np.linalg.eigvals(
+        _seen_dynamics(run.average.A[np.ix_(own, own)], run.average.C[np.ix_(rows, own)])
+    )
 
 
 def _seen_dynamics(A: np.ndarray, C: np.ndarray) -> np.ndarray:

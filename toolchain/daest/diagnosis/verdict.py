@@ -223,6 +223,8 @@ def _explains_more(evidence: Evidence, better: Proof) -> str:
 def _by_hand(evidence: Evidence, one: Unproved) -> str:
     if evidence.is_closed:
         return "Record again with smaller amplitudes, at which the model can be simulated with it."
+    if one.is_late:
+        return f"Run the same command again, which goes on with {one.candidate.label}, or give it more time."
     return (
         f"Add {one.candidate.label} to the model (daest extend) and identify it, from sizes that make "
         "sense in the machine."
@@ -401,10 +403,14 @@ def _importance(evidence: Evidence, proof: Proof) -> str:
         best = min(proof.ahead, key=lambda one: one.ratio)
         ahead = spoken_duration(best.seconds)
         parts.append(f"{_removed(best.ratio)} of the error of predictions {ahead} ahead")
+    if proof.is_by_use and proof.in_use.piece:
+        over = spoken_duration(proof.in_use.piece)
+        removed = _removed(proof.in_use.ratio)
+        parts.append(f"{removed} of the error of simulations over {over}, each from a start of its own,")
     ratio = _error_ratio(evidence, proof)
     is_larger = np.isfinite(ratio) and ratio > 1.0 + GATES.same_unseen_error
     if np.isfinite(ratio) and not is_larger:
-        parts.append(f"{_removed(ratio)} of that of the whole simulation")
+        parts.append(f"{_removed(ratio)} of {'that' if parts else 'the error'} of the whole simulation")
     text = f" Importance: it removes {' and '.join(parts)}." if parts else ""
     if is_larger:
         text += f" The error of the whole simulation gets {ratio:.3g} times larger"
@@ -422,6 +428,8 @@ def _certainty(evidence: Evidence, proof: Proof) -> str:
     if proof.ahead:
         surest = max(proof.ahead, key=lambda one: one.certainty)
         text += f", unseen data foreseen better by {surest.certainty:.2g} standard errors"
+    elif proof.is_by_use:
+        text += f", unseen data simulated better by {proof.in_use.certainty:.2g} standard errors"
     if is_silent(proof.confirmed):
         text += ", though unseen data hardly show it"
     elif is_likelier(proof.confirmed):

@@ -252,13 +252,16 @@ class Confirmed:
 class InUse:
     """What a simulation says of a law: the logarithms of the ratios of mean squared errors without to with
     it, of the `fitted` and of the `unseen` data, the samples of each that count as independent (0: nothing is
-    known), and how many standard errors the mean squares of the unseen ones are apart."""
+    known), and how many standard errors the mean squares of the unseen ones are apart. `piece` is the
+    duration [s] of the pieces of the records that are simulated, each from a start of its own; 0: the whole
+    records are."""
 
     fitted: float = 0.0
     unseen: float = 0.0
     n_independent: float = 0.0
     n_unseen: float = 0.0
     certainty: float = 0.0
+    piece: float = 0.0
 
     @property
     def gain(self) -> float:
@@ -328,7 +331,8 @@ class Proof:
 @dataclass(frozen=True)
 class Unproved:
     """A candidate that led the screen, or came to be tried, without a refit: the `reason` says why.
-    `has_failed` tells that its refit was tried in vain, so that it may well be what is missing."""
+    `has_failed` tells that its refit was tried in vain, so that it may well be what is missing, and `is_late`
+    that it was not begun since the time was up."""
 
     candidate: Candidate
     equivalent: tuple[str, ...]
@@ -337,6 +341,7 @@ class Unproved:
     sizes: tuple[float, ...]
     reason: str
     has_failed: bool = False
+    is_late: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,107 @@
+"""Machines whose simulation drifts away, judged by simulations of pieces of their records."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daest.diagnosis.candidates import keeping_order, pairs
+from daest.diagnosis.in_use import shown_in_pieces
+from daest.diagnosis.open_loop import open_screen
+from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.pieces import FEWEST_PIECES, in_pieces
+from daest.diagnosis.screen import run_null
+from daest.diagnosis.search import Search
+from daest.diagnosis.stand import begin
+from daest.diagnosis.trials import prepare, trials
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_text
+from daest.modelica.effects import find_effect
+from daest.modelica.sites import sites
+
+CART = b"""model Cart
+  parameter Real m(unit = "kg", min = 0) = 2;
+  parameter Real d(unit = "N.s/m", min = 0) = 4 annotation(__Daest(estimate = true, scale = "log"));
+  input Real u(unit = "N");
+  Real s(unit = "m", start = 0);
+  Real v(unit = "m/s", start = 0);
+  output Real y(unit = "m") annotation(__Daest(std = 0.001));
+equation
+  der(s) = v;
+  m*der(v) = u - d*v;
+  y = s;
+end Cart;
+"""
+PERIOD, SUBSTEPS = 0.02, 20
+
+
+def record(friction, seed, n=1200, shaken=0.0):
+    """The position of the cart under steps of a force, with set-valued dry friction [N], shaken by noise."""
+    rng = np.random.default_rng(seed)
+    force = np.repeat(rng.normal(0.0, 6.0, n // 40 + 1), 40)[:n]
+    h, s, v, measured = PERIOD / SUBSTEPS, 0.0, 0.0, []
+    for u in force:
+        measured.append(s)
+        for _ in range(SUBSTEPS):
+            free = v + h * (u - 4.0 * v) / 2.0 + shaken * np.sqrt(h) * rng.standard_normal()
+            v = np.sign(free) * max(abs(free) - h * friction / 2.0, 0.0)
+            s += h * v
+    y = np.array(measured) + rng.normal(0.0, 1e-3, n)
+    return Experiment("run", PERIOD * np.arange(n), force[:, None], y[:, None], ("u",), ("y",))
+
+
+@cache
+def case(friction, shaken):
+    flat = compile_text(CART, Path("Cart.mo"))
+    both = record(friction, 1, shaken=shaken), record(friction, 2, shaken=shaken)
+    stand = begin(flat, both[:1], both[1:], DiagnoseOptions(hold="zoh"))
+    run = run_null(stand.null)
+    pieces = in_pieces(stand, run)
+    assert pieces is not None
+    return flat, stand, run, pieces
+
+
+def shown(effect, friction, shaken):
+    """The proof of an effect at the cart by the pieces of its records, of which nothing else is known."""
+    flat, stand, run, pieces = case(friction, shaken)
+    candidates = keeping_order(
+        stand.null.flat, stand.null.explicit, pairs([find_effect(effect)], sites(flat))
+    )
+    used = open_screen(pieces.null, pieces.reference.fit, candidates, 0)
+    trial = trials(used, 1.0, 1)[0]
+    search = Search(stand, run, None, None, len(candidates), pieces=pieces)
+    return shown_in_pieces(search, prepare(stand.null.flat, stand.null.estimated, trial), None)
+
+
+def test_pieces_do_not_drift():
+    _, stand, _, pieces = case(1.5, 0.02)
+    assert stand.reference.adds_up
+    assert not pieces.reference.adds_up
+    assert pieces.reference.fit.method == "oe"
+    for whole, parts in (
+        (stand.null.experiments, pieces.null.experiments),
+        (stand.validation, pieces.validation),
+    ):
+        assert len(parts) >= FEWEST_PIECES
+        assert np.array_equal(np.concatenate([e.outputs for e in parts]), whole[0].outputs)
+    drifted = stand.reference.fit.simulated["validation"].rms["y"]
+    assert pieces.reference.fit.simulated["validation"].rms["y"] < 0.5 * drifted
+
+
+def test_dry_friction_is_shown_by_pieces():
+    proof = shown("Translational.CoulombFriction", 1.5, 0.02)
+    assert proof.verdict == "supported"
+    assert proof.is_by_use
+    size = proof.final.theta[f"{proof.candidate.name}.f_c"]
+    assert size == pytest.approx(1.5, abs=0.15)
+    # What is told of it is the simulation of the whole records.
+    stand = case(1.5, 0.02)[1]
+    told = proof.final.simulated["validation"].rms["y"]
+    assert told < 0.5 * stand.reference.fit.simulated["validation"].rms["y"]
+    assert len(proof.final.initial_states) == len(stand.null.experiments)
+
+
+@pytest.mark.parametrize("effect", ["CoulombFriction", "QuadraticDrag", "ConstantLoad"])
+def test_noise_is_no_law_in_pieces(effect):
+    assert shown(f"Translational.{effect}", 0.0, 0.3) is None
