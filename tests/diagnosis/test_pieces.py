@@ -1,5 +1,6 @@
 """Machines whose simulation drifts away, judged by simulations of pieces of their records."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from daest.diagnosis.candidates import keeping_order, pairs
-from daest.diagnosis.in_use import shown_in_pieces
+from daest.diagnosis.in_use import proof_in_pieces, simulated_in_pieces
 from daest.diagnosis.open_loop import open_screen
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.pieces import FEWEST_PIECES, in_pieces
@@ -15,6 +16,7 @@ from daest.diagnosis.screen import run_null
 from daest.diagnosis.search import Search
 from daest.diagnosis.stand import begin
 from daest.diagnosis.trials import prepare, trials
+from daest.diagnosis.verdict import nearest_in_pieces
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 from daest.modelica.effects import find_effect
@@ -63,7 +65,7 @@ def case(friction, shaken):
 
 
 def shown(effect, friction, shaken):
-    """The proof of an effect at the cart by the pieces of its records, of which nothing else is known."""
+    """The search for an effect at the cart, and what the pieces of its records say of that."""
     flat, stand, run, pieces = case(friction, shaken)
     candidates = keeping_order(
         stand.null.flat, stand.null.explicit, pairs([find_effect(effect)], sites(flat))
@@ -71,7 +73,7 @@ def shown(effect, friction, shaken):
     used = open_screen(pieces.null, pieces.reference.fit, candidates, 0)
     trial = trials(used, 1.0, 1)[0]
     search = Search(stand, run, None, None, len(candidates), pieces=pieces)
-    return shown_in_pieces(search, prepare(stand.null.flat, stand.null.estimated, trial), None)
+    return search, simulated_in_pieces(search, prepare(stand.null.flat, stand.null.estimated, trial))
 
 
 def test_pieces_do_not_drift():
@@ -90,7 +92,9 @@ def test_pieces_do_not_drift():
 
 
 def test_dry_friction_is_shown_by_pieces():
-    proof = shown("Translational.CoulombFriction", 1.5, 0.02)
+    search, found = shown("Translational.CoulombFriction", 1.5, 0.02)
+    assert found.is_clear
+    proof = proof_in_pieces(search, found, None)
     assert proof.verdict == "supported"
     assert proof.is_by_use
     size = proof.final.theta[f"{proof.candidate.name}.f_c"]
@@ -104,4 +108,17 @@ def test_dry_friction_is_shown_by_pieces():
 
 @pytest.mark.parametrize("effect", ["CoulombFriction", "QuadraticDrag", "ConstantLoad"])
 def test_noise_is_no_law_in_pieces(effect):
-    assert shown(f"Translational.{effect}", 0.0, 0.3) is None
+    _, found = shown(f"Translational.{effect}", 0.0, 0.3)
+    assert not found.is_near and not found.is_clear
+
+
+def test_law_that_comes_near_is_told_and_not_claimed():
+    search, found = shown("Translational.CoulombFriction", 1.5, 0.02)
+    vague = replace(found, used=replace(found.used, unseen=2.0 * np.log(1.25), certainty=1.0))
+    assert vague.is_near and not vague.is_clear
+    refused = replace(proof_in_pieces(search, found, None), verdict="rejected")
+    proof = proof_in_pieces(search, vague, refused)
+    assert proof.verdict == "rejected"
+    said = nearest_in_pieces([proof])
+    assert f"{proof.candidate.label} comes nearest" in said and "removes 20 % of their error" in said
+    assert not nearest_in_pieces([replace(proof, verdict="supported")])

@@ -137,7 +137,7 @@ def _examined(
             learned = with_formula(learned)
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
     if decided.name not in ("supported", "nothing missing"):
-        message += _said_of_inputs(null, stand.told)
+        message += _said_of_inputs(null, stand.told) + verdicts.nearest_in_pieces(decided.proofs)
     faults = "" if decided.name in EXPLAINED else faults_told((*null.experiments, *stand.validation))
     return Diagnosis(
         verdict=decided.name,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 from daest.diagnosis.candidates import fed
@@ -17,7 +17,7 @@ from daest.diagnosis.search import Search, as_prepared, at_other_places, end_of_
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand, quiet
 from daest.diagnosis.trials import GENTLE, Prepared, prepare
-from daest.model.diagnosis import Proof
+from daest.model.diagnosis import InUse, Proof
 from daest.model.fit import FitResult
 
 FIRST_IN_USE = 5  # iterations of a simulation's fit, after which it may be far behind the leader
@@ -57,26 +57,65 @@ def shown_in_use(search: Search, prepared: Prepared, beside: Proof, accepted: Pr
     shown = replace(shown, equivalent=tuple(other.trial.candidate.site.name for other, _ in others))
     if search.pieces is None:
         return shown
-    longest = max(float(e.time[-1] - e.time[0]) for e in null.experiments)
-    return told_of_whole(search.stand, replace(shown, in_use=replace(shown.in_use, piece=longest)))
+    used = replace(shown.in_use, piece=_longest(stand))
+    return told_of_whole(search.stand, replace(shown, in_use=used))
 
 
-def shown_in_pieces(search: Search, prepared: Prepared, beside: Proof | None) -> Proof | None:
-    """The proof of a candidate by the simulation of the search's pieces, where that takes most of its error
-    away; else that `beside` the loads, which may not be known: a refit beside loads takes much longer."""
+@dataclass(frozen=True)
+class InPieces:
+    """The best simulation of a candidate in pieces of the records, and what that says of it: the model with
+    `n_own` more parameters."""
+
+    prepared: Prepared
+    fit: FitResult
+    used: InUse
+    n_own: int
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it takes most of the error of unseen data away, by more than chance."""
+        return self.used.ratio < GATES.max_most_ratio and speaks_for(self.used, self.n_own)
+
+    @property
+    def is_near(self) -> bool:
+        """Whether it pays for its parameters, and simulates unseen data clearly better."""
+        return self.bic > GATES.min_bic_gain and self.used.ratio < GATES.max_clear_ratio
+
+    @property
+    def bic(self) -> float:
+        return self.used.bic(self.n_own)
+
+
+def simulated_in_pieces(search: Search, prepared: Prepared) -> InPieces | None:
+    """What the simulation of the search's pieces says of a candidate; None where there is none."""
     stand, candidate = search.simulated, prepared.trial.candidate
     if stand.reference is None:
-        return beside
+        return None
     with quiet():
         fit = _fitted_in_use(stand, stand.reference, prepared)
         if fit is None:
-            return beside
+            return None
         null = replace(stand.null, experiments=fed(stand.null.experiments, candidate))
         used = used_by(null, prepared, fit, fed(stand.validation, candidate), stand.reference)
-        if used.ratio > GATES.max_most_ratio or not speaks_for(used, prepared.n_unknowns(null.estimated)):
-            return beside
-        beside = beside or _beside_loads(search, prepared)
-        return None if beside is None else shown_in_use(search, prepared, beside)
+    return InPieces(prepared, fit, replace(used, piece=_longest(stand)), prepared.n_unknowns(null.estimated))
+
+
+def proof_in_pieces(search: Search, found: InPieces, beside: Proof | None) -> Proof | None:
+    """The proof of a candidate by its simulation in pieces, where that is clear; else that `beside` loads,
+    which may not be known before, with what the pieces say. None where it cannot be refitted."""
+    with quiet():
+        beside = beside or _beside_loads(search, found.prepared)
+        if beside is None:
+            return None
+        shown = shown_in_use(search, found.prepared, beside) if found.is_clear else beside
+        if shown.verdict != "rejected":
+            return shown
+        return told_of_whole(search.stand, replace(beside, final=found.fit, in_use=found.used))
+
+
+def _longest(stand: Stand) -> float:
+    """Duration [s] of the longest record."""
+    return max(float(e.time[-1] - e.time[0]) for e in stand.null.experiments)
 
 
 def _beside_loads(search: Search, prepared: Prepared) -> Proof | None:

@@ -14,7 +14,7 @@ import numpy as np
 from daest.diagnosis.ahead import ONE_COMPILATION, compilations
 from daest.diagnosis.attempts import proof_by_attempts
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.in_use import shown_in_pieces, shown_in_use
+from daest.diagnosis.in_use import proof_in_pieces, shown_in_use, simulated_in_pieces
 from daest.diagnosis.late_signals import is_late
 from daest.diagnosis.null import Null
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
@@ -291,17 +291,27 @@ class Stages:
     def shown_in_pieces(
         self, pieces: Stand, leaders: Sequence[Trial], proofs: Sequence[Proof]
     ) -> list[Proof]:
-        """All laws, with those that lead the screen of the simulation in `pieces`, by that simulation where
-        it shows them."""
-        search, tasks = replace(self.search, pieces=pieces), []
+        """All laws, with those that lead the screen of the simulation in `pieces`: those that are clear there
+        by that simulation; and where none is, the nearest with what it says."""
+        search = replace(self.search, pieces=pieces)
+        tasks, known = [], {}
         for one in leaders:
-            known = next((p for p in proofs if is_same(one, p.candidate)), None)
-            ready = self.prepared([one]) if known is None else [_as_refitted(self.search.stand.null, known)]
+            refitted = next((p for p in proofs if is_same(one, p.candidate)), None)
+            ready = (
+                self.prepared([one]) if refitted is None else [_as_refitted(self.search.stand.null, refitted)]
+            )
             self.progress(f"simulating pieces with {one.candidate.label}")
-            tasks += [partial(shown_in_pieces, search, prepared, known) for prepared in ready]
-        found = [p for p in self.proved((), proofs, tasks)[1] if p is not None] if tasks else []
-        names = {p.candidate.name for p in found}
-        return [*(p for p in proofs if p.candidate.name not in names), *found]
+            tasks += [partial(simulated_in_pieces, search, prepared) for prepared in ready]
+            known.update({prepared.trial.candidate.name: refitted for prepared in ready})
+        found = [one for one in self.proved((), proofs, tasks)[1] if one is not None] if tasks else []
+        near = sorted((one for one in found if one.is_near), key=lambda one: -one.bic)
+        told = [one for one in near if one.is_clear] or near[:1]
+        again = [
+            partial(proof_in_pieces, search, one, known[one.prepared.trial.candidate.name]) for one in told
+        ]
+        judged = [p for p in self.proved((), proofs, again)[1] if p is not None] if again else []
+        names = {p.candidate.name for p in judged}
+        return [*(p for p in proofs if p.candidate.name not in names), *judged]
 
     def steadied(self, proofs: Sequence[Proof]) -> list[Proof]:
         """All laws; those that are not separable with the errors of unseen data beside constant loads, by

@@ -418,6 +418,20 @@ def _importance(evidence: Evidence, proof: Proof) -> str:
     return text
 
 
+def nearest_in_pieces(proofs: Sequence[Proof]) -> str:
+    """A sentence on the law that is not accepted, and that simulations of pieces of the records show best;
+    empty where there is none."""
+    known = [p for p in proofs if p.verdict == "rejected" and p.in_use.piece]
+    best = max(known, key=lambda p: p.in_use.bic(p.candidate.n_unknowns), default=None)
+    if best is None:
+        return ""
+    return (
+        f" In simulations over {spoken_duration(best.in_use.piece)}, each from a start of its own, "
+        f"{best.candidate.label} comes nearest ({told_values(best)}): it removes "
+        f"{_removed(best.in_use.ratio)} of their error on unseen data."
+    )
+
+
 def _removed(ratio: float) -> str:
     return f"{100.0 * max(1.0 - ratio, 0.0):.0f} %"
 
