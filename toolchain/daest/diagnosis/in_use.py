@@ -87,16 +87,23 @@ class InPieces:
 
 
 def simulated_in_pieces(search: Search, prepared: Prepared) -> InPieces | None:
-    """What the simulation of the search's pieces says of a candidate; None where there is none."""
-    stand, candidate = search.simulated, prepared.trial.candidate
+    """What the simulation of the search's pieces says of a candidate; None where there is none, or a few
+    iterations gain nothing that would pay for its parameters."""
+    stand = search.simulated
     if stand.reference is None:
         return None
     with quiet():
-        fit = _fitted_in_use(stand, stand.reference, prepared)
-        if fit is None:
+        first = _fitted_in_use(stand, stand.reference, prepared, iterations=FIRST_IN_USE)
+        if first is None or _in_pieces(stand, stand.reference, prepared, first).bic <= 0.0:
             return None
-        null = replace(stand.null, experiments=fed(stand.null.experiments, candidate))
-        used = used_by(null, prepared, fit, fed(stand.validation, candidate), stand.reference)
+        fit = _fitted_in_use(stand, stand.reference, prepared) or first
+        return _in_pieces(stand, stand.reference, prepared, fit)
+
+
+def _in_pieces(stand: Stand, reference: Reference, prepared: Prepared, fit: FitResult) -> InPieces:
+    candidate = prepared.trial.candidate
+    null = replace(stand.null, experiments=fed(stand.null.experiments, candidate))
+    used = used_by(null, prepared, fit, fed(stand.validation, candidate), reference)
     return InPieces(prepared, fit, replace(used, piece=_longest(stand)), prepared.n_unknowns(null.estimated))
 
 

@@ -46,7 +46,7 @@ from daest.systems.linearize import has_affine_dynamics
 TIME_IS_UP = "it was not refitted: the time was up"
 DYNAMIC_PARTS = 3  # tasks that the fits of the effects with states are
 MOST_IN_USE = 3  # trials that lead the screen in open loop
-MOST_IN_PIECES = 8  # that lead that of a simulation in pieces, which takes little time
+MOST_IN_PIECES = 6  # that lead that of a simulation in pieces, which takes little time
 LOOP = 3  # times the time of a run where a loop is solved by iterations at every point
 
 
