@@ -86,3 +86,11 @@ def test_no_recording_and_no_time(folder, daest):
     write_csv(folder / "bad.csv", np.arange(3.0), np.arange(3.0), np.arange(3.0), "a,u,y")
     code, _, err = daest("check", "bad.csv")
     assert code == 2 and "data-no-time" in err
+
+
+def test_rows_of_one_time_are_one_finding(folder, daest):
+    text = (folder / "run1.csv").read_text()
+    (folder / "bad.csv").write_text(text.replace("\n0.15,", "\n0.1,", 1).replace("\n0.2,", "\n0.1,", 1))
+    code, out, _ = daest("check", "bad.csv", "--model", "Lag.mo", "--format", "json")
+    found = [f for f in json.loads(out)["recordings"][0]["findings"] if f["code"] == "check-unusable"]
+    assert code == 1 and len(found) == 1 and "stands still at 0.1;" in found[0]["text"]

@@ -113,6 +113,7 @@ def test_nothing_to_add(cart, daest):
     found, _ = improvement(daest, "clean.csv", "--model", "Cart.mo", *BOTH)
     assert len(found["steps"]) == 1 and found["final"]["verdict"] == "nothing missing"
     code, out, _ = daest("improve", "clean.csv", "--model", "Cart.mo", "--hold", "zoh", *BOTH)
+    assert "  The inputs are held between the samples (hold zoh)." in out
     assert code == 0 and out.startswith("Nothing added.\n  Stopped: Nothing is missing")
 
 

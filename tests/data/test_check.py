@@ -247,6 +247,17 @@ def test_a_machine_that_often_rests_has_no_sensor_that_dies_as_often(is_dead):
     assert [f.code for f in warnings_of({"x": position})] == ["check-stuck"] * is_dead
 
 
+@pytest.mark.parametrize("is_driven", [False, True])
+def test_a_machine_that_nothing_drives_is_no_stuck_sensor(is_driven):
+    """A motor with noise on its speed while it turns, and at once at rest where its valve closes."""
+    valve = np.repeat(np.arange(N // 100) % 5 - 2, 100)
+    noise = 0.05 * np.random.default_rng(2).normal(size=valve.size)
+    speed = np.where(valve != 0, valve + noise, 0.04)
+    u = valve + 3.0 * is_driven
+    columns = {"u": np.resize(u, N), "speed": np.resize(speed, N)}
+    assert [f.code for f in warnings_of(columns)] == ["check-stuck"] * is_driven
+
+
 def test_lag_and_polarity_between_columns():
     rng = np.random.default_rng(2)
     u = excitation("multisine", rng)

@@ -125,6 +125,22 @@ def test_a_model_that_its_inputs_do_not_move_is_told(is_recorded):
         assert driven_share(replace(null, experiments=(replace(record, inputs=level),))) is None
 
 
+def test_inputs_that_were_switched_before_the_recordings_move_the_model():
+    """A torque that is on in one recording and off in the other, with the noise of its sensor."""
+    rng, dt, n = np.random.default_rng(9), 0.05, 200
+    time = dt * np.arange(n)
+    swing = np.exp(-0.25 * time) * np.cos(np.sqrt(20.0) * time)
+    records = []
+    for name, torque, angle in (("on", 1.0, 0.5 * (1.0 - swing)), ("off", 0.0, 0.5 * swing)):
+        u = torque + rng.normal(0.0, 1e-3, (n, 1))
+        y = angle[:, None] + rng.normal(0.0, 1e-3, (n, 1))
+        records.append(Experiment(name, time, u, y, ("u",), ("y",)))
+    flat = compile_text(SPRING, Path("Spring.mo"))
+    null = fit_null(flat, load_sites(flat), records, "zoh")
+    assert driven_share(null) > GATES.min_driven and not undriven(null)
+    assert driven_share(replace(null, experiments=(records[0],))) < GATES.min_driven
+
+
 def test_law_that_says_more_than_one_that_is_shown_needs_no_certainty_of_its_own():
     """Which of two laws bends a signal is a question of how much each explains, not of chance."""
     shown = InUse(fitted=0.7, unseen=0.9, n_independent=46.0, n_unseen=25.0, certainty=2.6)

@@ -1262,7 +1262,8 @@ def test_lag_shorter_than_anything_in_the_model_is_no_finding(T, is_short):
     lag = next(c for c in pairs(some_effects("Lag"), sites(model())) if c.site.name == "u")
     fit = SimpleNamespace(theta={f"{lag.name}.T": T})
     assert bool(lag_too_short(run.null, lag, fit)) == is_short
-    assert not is_short or "0.1 s is short beside" in lag_too_short(run.null, lag, fit)
+    # The size is told where the candidate is, from another fit, maybe.
+    assert not is_short or lag_too_short(run.null, lag, fit).startswith("its time is short beside")
     friction = pairs(some_effects("CoulombFriction"), sites(model()))[0]
     assert lag_too_short(run.null, friction, SimpleNamespace(theta={f"{friction.name}.tau_c": 0.1})) == ""
 

@@ -218,7 +218,8 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "check-stuck": (
         "A signal stands still to the last digit although its noise shows elsewhere, or jumps when it goes "
-        "on: the sensor or its transmission had stopped. Leave those cells empty."
+        "on: the sensor or its transmission had stopped. Leave those cells empty. An output that rests while "
+        "all inputs of the model are zero is not told."
     ),
     "check-text": ("Some cells of a column hold a text where numbers are expected."),
     "check-time-unit": (

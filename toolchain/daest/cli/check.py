@@ -105,7 +105,8 @@ def _against(path: Path, project: Project, flat: Model, window: Preparation) -> 
     try:
         measured, experiments = measured_recordings(flat, project, [path], window)
     except DaestError as error:
-        return [_unusable(problem) for problem in error.problems or (error,)]
+        # Rows that share their fault and their time have one text: their places are not told here.
+        return list(dict.fromkeys(_unusable(problem) for problem in error.problems or (error,)))
     return model_findings(measured, experiments[0])
 
 

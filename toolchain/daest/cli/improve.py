@@ -163,7 +163,7 @@ def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any
         **context(case),
         "folder": str(folder),
         "unknown_effect": None if load is None or load.extension is None else LOAD_FILE,
-        "hold": found.recorded_hold,
+        "hold": found.recorded_hold if case.flat.inputs else None,
     }
     if document["unknown_effect"]:
         document["reason"] += f" The model with the curve is offered as {LOAD_FILE}."

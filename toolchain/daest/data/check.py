@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -59,10 +59,10 @@ def check_experiment(experiment: Experiment) -> DataCheck:
 
 def _checked(name: str, time: np.ndarray, columns: Sequence[_Column], found: list[Finding]) -> DataCheck:
     findings = [*clock_findings(time), *found, *_few(time)]
-    summaries = []
+    summaries, driven = [], _driven(columns)
     for column in columns:
         known = np.isfinite(column.values) & np.isfinite(time)
-        samples = Samples(column.name, column.role, time[known], column.values[known])
+        samples = Samples(column.name, column.role, time, column.values, driven).part(known)
         summaries.append(_summary(column, samples))
         if samples.values.size:
             findings += [*column_findings(samples, int((~known).sum())), *_turned(column)]
@@ -100,11 +100,17 @@ def _turned(column: _Column) -> list[Finding]:
     return [Finding("check-turns", "note", column.name, text)]
 
 
+def _driven(columns: Sequence[_Column]) -> np.ndarray | None:
+    """When an input was not zero, (n,) of bool; a missing value may be anything. None without inputs."""
+    inputs = [column.values for column in columns if column.role == "input"]
+    return np.any([values != 0.0 for values in inputs], axis=0) if inputs else None
+
+
 def _summary(column: _Column, samples: Samples) -> ColumnSummary:
     given = samples.values
     low, high = (float(given.min()), float(given.max())) if given.size else (None, None)
     is_usual = ~absurd(given)
-    usual = replace(samples, time=samples.time[is_usual], values=given[is_usual])
+    usual = samples.part(is_usual)
     several = usual.values.size > 1
     resolution = usual.resolution if several else None
     noise = usual.noise if several else None

@@ -27,12 +27,19 @@ NEIGHBOURS = 12  # samples on either side of a spike
 
 @dataclass(frozen=True)
 class Samples:
-    """The finite values (n,) of a column at their times (s)."""
+    """The finite values (n,) of a column at their times (s); `driven` (n,) says when an input of the model
+    was not zero, None where no input is known."""
 
     name: str
     role: Role | None
     time: np.ndarray
     values: np.ndarray
+    driven: np.ndarray | None = None
+
+    def part(self, kept: np.ndarray) -> Samples:
+        """Those that are `kept`, (n,) of bool."""
+        driven = None if self.driven is None else self.driven[kept]
+        return replace(self, time=self.time[kept], values=self.values[kept], driven=driven)
 
     @cached_property
     def levels(self) -> tuple[np.ndarray, np.ndarray]:
@@ -102,7 +109,7 @@ def column_findings(samples: Samples, n_missing: int) -> list[Finding]:
     """What is wrong with a column of which `n_missing` further values are missing."""
     is_absurd = absurd(samples.values)
     if np.any(is_absurd):
-        rest = replace(samples, time=samples.time[~is_absurd], values=samples.values[~is_absurd])
+        rest = samples.part(~is_absurd)
         return [_absurd_finding(samples, is_absurd), *column_findings(rest, n_missing)]
     found = _missing(samples, n_missing)
     n_levels = samples.levels[0].size
@@ -216,6 +223,7 @@ def _stuck(samples: Samples) -> list[Finding]:
         jumps = np.abs(values[ends[inside]] - values[starts[inside]])
         largest = np.sort(samples.steps)[: -max(1, inside.size)].max(initial=np.inf)
         stuck = inside[(jumps > DATA.stuck_jump * largest) & (values[starts[inside]] != 0)]
+    stuck = stuck[_is_driven(samples, starts[stuck], lengths[stuck])]
     if not stuck.size:
         return []
     longest = stuck[np.argmax(lengths[stuck])]
@@ -226,6 +234,15 @@ def _stuck(samples: Samples) -> list[Finding]:
         text += f" ({stuck.size} such stretches)"
     at = float(samples.time[starts[stuck[0]]])
     return [Finding("check-stuck", "warning", samples.name, text, at, int(stuck.size))]
+
+
+def _is_driven(samples: Samples, starts: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Which runs of equal values, (n_runs,) bool, are not those of a machine at rest: for most of the run
+    some input is not zero. Any run, where no input is known."""
+    if samples.role != "output" or samples.driven is None:
+        return np.ones(starts.size, dtype=bool)
+    counts = np.append(0, np.cumsum(samples.driven))
+    return (counts[starts + lengths] - counts[starts]) >= DATA.driven_run * lengths
 
 
 def _is_dead(samples: Samples, starts: np.ndarray, lengths: np.ndarray) -> np.ndarray:

@@ -325,22 +325,25 @@ def _time_problems(table: Table, column: Column) -> list[DataError]:
 
 
 def _order_problems(table: Table, column: Column) -> list[DataError]:
+    """One problem for each row that is not after the one before; one that counts the others where they are
+    too many to be told."""
     bad = np.nonzero(np.diff(column.values) <= 0)[0] + 1
+    shown = bad[:1] if bad.size > _TEXTS_SHOWN else bad
+    others = f" (and in {bad.size - 1} more rows)" if bad.size > shown.size else ""
     problems = []
-    for row in bad[:_TEXTS_SHOWN]:
+    for row in shown:
         before, now = column.values[row - 1], column.values[row]
         how = "stands still at" if now == before else f"goes back from {before:.10g} to"
         code = "data-time-duplicate" if now == before else "data-time-not-increasing"
         problems.append(
             DataError(
                 code,
-                f"the time {how} {now:.10g}"
-                + (f" (and in {bad.size - 1} more rows)" if bad.size > 1 else ""),
+                f"the time {how} {now:.10g}{others}",
                 where=table.place(int(row), column),
                 remedy="sort the rows, remove rows of equal time; two recordings belong in two files",
             )
         )
-    return problems[:1] if bad.size > _TEXTS_SHOWN else problems
+    return problems
 
 
 def match_all(

@@ -195,13 +195,17 @@ def _at_its_values(model: Null) -> ExplicitModel:
 
 def driven_share(model: Null) -> float | None:
     """How far the inputs of its experiments move the outputs of a model, relative to what these do: the
-    largest over the outputs, None where no input moves or the model cannot be simulated."""
+    largest over the outputs, None where no input moves or the model cannot be simulated.
+
+    They move from their mean over all experiments: an input that was switched before the recordings began
+    hardly changes in any of them, and tells as much by its levels."""
     runs = free_runs(model, model.experiments)
     if runs is None:
         return None
     simulate, shares = integrator(model.explicit), []
+    mean = np.mean(np.concatenate([e.inputs for e in model.experiments]), axis=0)
     for experiment, run in zip(model.experiments, runs, strict=True):
-        level = np.broadcast_to(np.mean(experiment.inputs, axis=0), experiment.inputs.shape)
+        level = np.broadcast_to(mean, experiment.inputs.shape)
         if all(is_constant(u) for u in experiment.inputs.T):
             continue
         try:

@@ -434,9 +434,8 @@ def lag_too_short(null: Null, candidate: Candidate, fit: FitResult) -> str:
     if ratio >= GATES.min_lag or (min(times) > 0.0 and ratio < np.finfo(float).eps):
         return ""
     return (
-        f"{spoken_duration(max(times))} is short beside the fastest time constant of the model "
-        f"({spoken_duration(1.0 / fastest)}): "
-        "a lag, a delay or a flexible part would do as well"
+        "its time is short beside the fastest time constant of the model "
+        f"({spoken_duration(1.0 / fastest)}): a lag, a delay or a flexible part would do as well"
     )
 
 

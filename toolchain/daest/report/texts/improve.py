@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
+from daest.model.holds import Hold, hold_text
 from daest.report.console import as_text, heading, indented, number, table
 from daest.report.groups import of_component
 from daest.report.texts import diagnose
@@ -25,6 +26,7 @@ def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     for i, step in enumerate(document["steps"]):
         yield from _remarks(i, step, is_last=step is document["steps"][-1])
     yield from _in_the_end(document["steps"])
+    yield from _held(document.get("hold"))
     yield from diagnose.remark(document["final"])
     if document["folder"]:
         yield indented(f"models, ledger.json and staircase.png are in {document['folder']}")
@@ -66,6 +68,14 @@ def _remarks(i: int, step: Mapping[str, Any], is_last: bool) -> Iterator[Rendera
     file = step["model"] or f"not written: {step['model_reason']}"
     told = f"{sizes}; {step['remark']}" if sizes else step["remark"]
     yield indented(f"step {i}: {told}{seen}; {file}")
+
+
+def _held(hold: Hold | None) -> Iterator[RenderableType]:
+    """What the inputs do between the samples, as the data chose it or the project says: a dead time is told
+    half a sample longer on straight lines than on held inputs."""
+    if hold is not None:
+        words = hold_text(hold)
+        yield indented(f"{words[0].upper()}{words[1:]} (hold {hold}).")
 
 
 def _in_the_end(steps: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
