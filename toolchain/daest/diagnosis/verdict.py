@@ -419,8 +419,8 @@ def _importance(evidence: Evidence, proof: Proof) -> str:
 
 
 def nearest_in_pieces(proofs: Sequence[Proof]) -> str:
-    """A sentence on the law that simulations of pieces of the records show best, where none is accepted; empty
-    where there is none."""
+    """A sentence on the law that simulations of pieces of the records show best, where none is accepted;
+    empty where there is none."""
     is_open = all(p.verdict == "rejected" for p in proofs)
     known = [p for p in proofs if is_open and p.in_use.piece]
     best = max(known, key=lambda p: p.in_use.bic(p.candidate.n_unknowns), default=None)
