@@ -116,6 +116,7 @@ def test_law_that_comes_near_is_told_and_not_claimed():
     search, found = shown("Translational.CoulombFriction", 1.5, 0.02)
     vague = replace(found, used=replace(found.used, unseen=2.0 * np.log(1.25), certainty=1.0))
     assert vague.is_near and not vague.is_clear
+    assert not replace(vague, is_known=False).is_near
     refused = replace(proof_in_pieces(search, found, None), verdict="rejected")
     proof = proof_in_pieces(search, vague, refused)
     assert proof.verdict == "rejected"

@@ -13,6 +13,7 @@ from daest.diagnosis.open_loop import ITERATIONS as IN_USE
 from daest.diagnosis.open_loop import fitted_in_use, is_far_behind, speaks_for
 from daest.diagnosis.pieces import told_of_whole
 from daest.diagnosis.proof import Reference, Searched, by_simulation, has_lost_its_way, used_by
+from daest.diagnosis.reasons import not_determined
 from daest.diagnosis.search import Search, as_prepared, at_other_places, end_of_search, likeliest_judged
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand, quiet
@@ -64,12 +65,13 @@ def shown_in_use(search: Search, prepared: Prepared, beside: Proof, accepted: Pr
 @dataclass(frozen=True)
 class InPieces:
     """The best simulation of a candidate in pieces of the records, and what that says of it: the model with
-    `n_own` more parameters."""
+    `n_own` more parameters, of which the pieces determine one at least where `is_known`."""
 
     prepared: Prepared
     fit: FitResult
     used: InUse
     n_own: int
+    is_known: bool
 
     @property
     def is_clear(self) -> bool:
@@ -79,7 +81,8 @@ class InPieces:
     @property
     def is_near(self) -> bool:
         """Whether it pays for its parameters, and simulates unseen data clearly better."""
-        return self.bic > GATES.min_bic_gain and self.used.ratio < GATES.max_clear_ratio
+        is_better = self.bic > GATES.min_bic_gain and self.used.ratio < GATES.max_clear_ratio
+        return self.is_known and is_better
 
     @property
     def bic(self) -> float:
@@ -104,7 +107,9 @@ def _in_pieces(stand: Stand, reference: Reference, prepared: Prepared, fit: FitR
     candidate = prepared.trial.candidate
     null = replace(stand.null, experiments=fed(stand.null.experiments, candidate))
     used = used_by(null, prepared, fit, fed(stand.validation, candidate), reference)
-    return InPieces(prepared, fit, replace(used, piece=_longest(stand)), prepared.n_unknowns(null.estimated))
+    is_known = not not_determined(candidate, fit, reference.fit)
+    n_own = prepared.n_unknowns(null.estimated)
+    return InPieces(prepared, fit, replace(used, piece=_longest(stand)), n_own, is_known)
 
 
 def proof_in_pieces(search: Search, found: InPieces, beside: Proof | None) -> Proof | None:
