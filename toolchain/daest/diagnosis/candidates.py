@@ -17,7 +17,7 @@ from daest.model.effects import Effect, EffectParameter, Placement, Site
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.modelica.attach import attach_all, check_values
-from daest.modelica.balances import DOMAINS, LEVEL
+from daest.modelica.balances import LEVEL, domain_of
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import fits
 from daest.numerics.evaluator import along
@@ -98,7 +98,7 @@ def _is_stored(grown: ExplicitModel, candidate: Candidate) -> bool:
     acts = grown.rhs.jac_sparsity(0, 4)
     units = {u.name: u.unit for u in grown.flat.unknowns}
     moved = [
-        DOMAINS.get(units.get(name, ""), "hydraulic" if units.get(name) == LEVEL else None)
+        "hydraulic" if units.get(name) == LEVEL else domain_of(units.get(name, ""))
         for i, name in enumerate(grown.state_names)
         if any(acts.has_nz(i, k) for k in columns)
     ]

@@ -19,7 +19,7 @@ from daest.errors import ModelError
 from daest.model.effects import Effect, EffectParameter, Placement, Site
 from daest.model.flat import FlatModel
 from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Parameter, Variable
-from daest.modelica.balances import Balance, balances, needs_position
+from daest.modelica.balances import Balance, balances, converted_text, in_connectors, needs_position
 from daest.modelica.connectors import NAMES, connectors_of
 from daest.modelica.effects import OWN, EffectModel, effect_model
 from daest.modelica.factors import Entry
@@ -30,6 +30,7 @@ from daest.modelica.sites import connection_sets, fits
 from daest.modelica.terminals import terminals
 from daest.modelica.values import column
 from daest.near import did_you_mean
+from daest.quantities import Conversion
 
 __all__ = ["attach", "attach_all", "component_name"]
 
@@ -434,10 +435,12 @@ class _Assembly:
         if not needs_position(member.effect.domain):
             self._tie(potential, symbol, *_potential_of(variable, self.xi[balance.variable]))
         elif balance.position >= 0:
+            # In the unit that makes the speed its rate.
+            change = in_connectors(variable.unit)
             position = self.flat.unknowns[balance.position].name
-            self._tie(potential, symbol, position, self.xi[balance.position])
+            self._tie(potential, symbol, *_converted(position, self.xi[balance.position], change))
         else:
-            self._tie_rate(potential, variable.name, self.xi[balance.variable])
+            self._tie_rate(potential, *_potential_of(variable, self.xi[balance.variable]))
 
     def _at_input(self, member: _Member, own: str, name: str) -> None:
         """The potential of the effect's connector `own` follows the temperature that is the input `name`."""
@@ -688,10 +691,14 @@ def _placed_noise(noise: NoiseInput, component: str) -> NoiseInput:
 
 
 def _potential_of(variable: Variable, symbol: ca.SX) -> tuple[str, ca.SX]:
-    """A variable as the potential of a connector, as text and as an expression: temperatures are absolute."""
-    if variable.unit != "degC":
-        return variable.name, symbol
-    return f"{variable.name} + {ZERO_CELSIUS}", symbol + ZERO_CELSIUS
+    """A variable as the potential of a connector, as text and as an expression: temperatures are absolute,
+    and all is in the unit of its domain."""
+    return _converted(variable.name, symbol, in_connectors(variable.unit))
+
+
+def _converted(name: str, symbol: ca.SX, change: Conversion) -> tuple[str, ca.SX]:
+    scaled = symbol if change.scale == 1.0 else change.scale * symbol
+    return converted_text(name, change), scaled if change.offset == 0.0 else scaled + change.offset
 
 
 def _owner(name: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -13,9 +14,10 @@ import scipy.sparse as sp
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.numerics.matching import maximum_matching
-from daest.quantities import dimensions
+from daest.quantities import Conversion, conversion, converts, dimensions, is_of, parse_unit
 
-# Unit of the variable whose rate a balance gives -> domain: momentum, heat, volume and charge.
+# Unit of the variable whose rate a balance gives -> domain: momentum, heat, volume and charge. A variable in
+# another unit of the same quantity is of that domain, too (`base_unit`).
 DOMAINS: dict[str, Domain] = {
     "m/s": "translational",
     "rad/s": "rotational",
@@ -24,6 +26,7 @@ DOMAINS: dict[str, Domain] = {
     "Pa": "hydraulic",
     "V": "electrical",
 }
+_ANGLES = ("rad", "mrad", "deg", "turn", "rpm")  # one of them makes a rate of turning of what is once a time
 LEVEL = "m"  # of a liquid, where flows or areas stand in the equation; else a position
 _VOLUME_FLOW = {"[length]": 3.0, "[time]": -1.0}
 _AREA = {"[length]": 2.0}
@@ -50,7 +53,7 @@ class Balance:
         """The domain by the unit of the variable; None for a unit that does not tell."""
         if self.is_level(flat):
             return "hydraulic"
-        return DOMAINS.get(flat.unknowns[self.variable].unit)
+        return domain_of(flat.unknowns[self.variable].unit)
 
     def is_level(self, flat: FlatModel) -> bool:
         """Whether the variable is the level of a liquid: a length beside a volume flow or an area."""
@@ -61,6 +64,39 @@ class Balance:
         used = ca.which_depends(flat.residual[self.row], symbols, 1, False)
         known = [dimensions(unit) for unit, is_used in zip(units, used, strict=True) if is_used]
         return _VOLUME_FLOW in known or _AREA in known
+
+
+@cache
+def base_unit(unit: str) -> str:
+    """The unit of DOMAINS that a quantity in `unit` converts to, empty for none: rad/s of rpm, Pa of bar;
+    none of 1/s, which may be anything."""
+    if unit in DOMAINS:
+        return unit
+    known = [base for base in DOMAINS if is_of(unit, base) and converts(unit, base)]
+    turns = bool(known) and any(symbol in _ANGLES for symbol in parse_unit(unit))
+    return next((base for base in known if base != "rad/s" or turns), "")
+
+
+def domain_of(unit: str) -> Domain | None:
+    """The domain of a variable in `unit` whose rate a balance gives; None where the unit does not tell."""
+    return DOMAINS.get(base_unit(unit))
+
+
+def in_connectors(unit: str) -> Conversion:
+    """From a variable of a balance to what the connectors of its domain have: temperatures are absolute
+    there, all else is in the unit of DOMAINS. A unit that tells no domain stays."""
+    base = base_unit(unit)
+    return conversion(unit, "K" if DOMAINS.get(base) == "thermal" else base) if base else Conversion()
+
+
+def converted_text(name: str, change: Conversion) -> str:
+    """A variable in another unit, as text of an expression.
+
+    >>> converted_text("n", Conversion(scale=0.5)), converted_text("T", Conversion(offset=273.15))
+    ('0.5*n', 'T + 273.15')
+    """
+    scaled = name if change.scale == 1.0 else f"{change.scale!r}*{name}"
+    return scaled if change.offset == 0.0 else f"{scaled} + {change.offset!r}"
 
 
 def needs_position(domain: Domain) -> bool:

@@ -23,7 +23,7 @@ import numpy as np
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
-from daest.modelica.balances import Balance, balances, own_laws, slopes_near_start
+from daest.modelica.balances import DOMAINS, Balance, balances, own_laws, slopes_near_start
 from daest.modelica.factors import (
     Entry,
     are_same,
@@ -135,7 +135,8 @@ class InternalForce:
 def internal_forces(flat: FlatModel) -> list[InternalForce]:
     """Forces between bodies, or between one and what an input moves or what does not move, in the model's own
     equations: one of those that the same motion drives."""
-    bodies = [b for b in balances(flat) if b.domain(flat) in _FORCES]
+    # A motion in other units is no text in terms of which a law can be written.
+    bodies = [b for b in balances(flat) if DOMAINS.get(flat.unknowns[b.variable].unit) in _FORCES]
     if not bodies:
         return []
     found: list[InternalForce] = []

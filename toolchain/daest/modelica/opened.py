@@ -20,8 +20,8 @@ from daest.errors import Place
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.model.parts import Equation, Variable
-from daest.modelica.attach import ZERO_CELSIUS, free_name
-from daest.modelica.balances import Balance, needs_position
+from daest.modelica.attach import free_name
+from daest.modelica.balances import Balance, converted_text, in_connectors, needs_position
 from daest.modelica.components import expression_end
 from daest.modelica.connectors import connectors_of
 from daest.modelica.factors import Entry
@@ -205,8 +205,7 @@ def _term(flat: FlatModel, balance: Balance, domain: Domain, name: str) -> _Term
         shown = flat.unknowns[balance.position].name
     elif needs_position(domain):
         kind, potential = _OF_SPEED[domain]
-    elif variable.unit == "degC":
-        shown = f"{shown} + {ZERO_CELSIUS}"
+    shown = converted_text(shown, in_connectors(variable.unit))
     return _Term(name, f"{kind} {name}({potential} = {shown})", f"Term of {text}")
 
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
-from daest.modelica.balances import LEVEL, Balance, balances
+from daest.modelica.balances import DOMAINS, LEVEL, Balance, balances, base_unit
 from daest.modelica.connectors import MASS_FLOW, connectors_of
 from daest.modelica.factors import ONE, Entry, are_same, divisors, factors, is_of_parameters
-from daest.quantities import dimensions
+from daest.quantities import conversion, dimensions, is_of
 
 _FLOWS: dict[Domain, str] = {
     "translational": "N",
@@ -49,7 +49,8 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
     if site.kind in ("equation", "exchange"):
         balance = _balance_of(flat, site.name.split(", ")[0])
         if balance is not None and not balances_flows(flat, balance):
-            own = (flat.unknowns[balance.variable].unit, "s")
+            unit = flat.unknowns[balance.variable].unit
+            own = (base_unit(unit) or unit, "s")
             return {p.name: p.unit if _is_made_of(p.unit, own) else "" for p in effect.parameters}
         if balance is not None and balance.is_level(flat):
             return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
@@ -122,6 +123,8 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
     rate = dimensions(flat.unknowns[balance.variable].unit)
     if wanted is None or rate is None:
         return None
+    if domain is not None and flat.unknowns[balance.variable].unit not in (*DOMAINS, LEVEL):
+        return _slope_of_flow(flat, balance, _FLOWS[domain])
     need = {d: wanted.get(d, 0.0) - rate.get(d, 0.0) for d in {*wanted, *rate}}
     need["[time]"] = need.get("[time]", 0.0) + 1.0
     if _slope_has(flat, balance.row, balance.rate, need):
@@ -131,6 +134,21 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
         if storages:
             is_one = all(are_same(flat, one, storages[0]) for one in storages)
             return 1.0 / storages[0] if is_one else None
+    return None
+
+
+def _slope_of_flow(flat: FlatModel, balance: Balance, unit: str) -> ca.SX | None:
+    """By what a flow in `unit` is multiplied in the equation of a variable that is in a unit of its own,
+    whose scale may be anywhere in it: as a known flow is that stands there, an input or an unknown. None
+    where there is none, or where its factor changes as the model moves."""
+    known = [*zip(flat.unknowns, ca.vertsplit(flat.xi), strict=True)]
+    known += zip(flat.inputs, ca.vertsplit(flat.u) if flat.u.numel() else [], strict=True)
+    for variable, symbol in known:
+        if not is_of(variable.unit, unit):
+            continue
+        slope = ca.jacobian(flat.residual[balance.row], symbol)
+        if slope.nnz() and is_of_parameters(flat, slope):
+            return ca.simplify(-balance.sign * slope / conversion(variable.unit, unit).scale)
     return None
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from daest.errors import ModelError
 from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
-from daest.modelica.balances import DOMAINS, Balance, balances, slopes_near_start
+from daest.modelica.balances import Balance, balances, domain_of, slopes_near_start
 from daest.modelica.connectors import Connector, connectors_of
 from daest.modelica.inner_signals import inner_signals
 from daest.modelica.internal_forces import internal_forces
@@ -174,7 +174,7 @@ def _exchanges_with_surroundings(flat: FlatModel, heats: Sequence[Balance]) -> l
     surroundings = [
         one.name
         for one, is_used in zip(flat.inputs, used, strict=True)
-        if is_used and DOMAINS.get(one.unit) == "thermal"
+        if is_used and domain_of(one.unit) == "thermal"
     ]
     return [
         _exchange(
