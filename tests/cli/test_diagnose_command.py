@@ -172,7 +172,7 @@ def test_the_null_and_the_screen_are_kept_too(cart, daest, monkeypatch, tmp_path
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends a POSIX signal")
 def test_ctrl_c_ends_at_once(cart):
-    some = [*COULOMB, "--effect", "StribeckFriction", "--effect", "QuadraticDrag"]
+    some = [*COULOMB, "--effect", "StribeckFriction,QuadraticDrag"]
     given = ["rub.csv", "--model", "Cart.mo", "--hold", "zoh", *some]
     command = [sys.executable, "-m", "daest", "diagnose", *given]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:

@@ -20,6 +20,7 @@ from daest.cli.options import (
     example,
     gathered,
     jobs_option,
+    listed_names,
     model_options,
     require_cluster,
     result_options,
@@ -80,7 +81,8 @@ search_options = gathered(
         metavar="NAME",
         multiple=True,
         shell_complete=offered.effects,
-        help="Try this effect (default: all).",
+        callback=lambda _ctx, _param, given: listed_names(given),
+        help="Try this effect (several: repeat, or with commas; default: all).",
     ),
     click.option(
         "--at",
