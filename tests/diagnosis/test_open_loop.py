@@ -141,6 +141,14 @@ def test_inputs_that_were_switched_before_the_recordings_move_the_model():
     assert driven_share(replace(null, experiments=(records[0],))) < GATES.min_driven
 
 
+def test_few_independent_samples_say_nothing_on_either_data():
+    """A single decay is one event, however many samples it has."""
+    shown = InUse(fitted=4.0, unseen=1.1, n_independent=14.0, n_unseen=8.0, certainty=4.1)
+    assert speaks_for(shown, 2)
+    for few in ({"n_unseen": 4.2}, {"n_independent": 4.2}):
+        assert not speaks_for(replace(shown, **few), 2)
+
+
 def test_law_that_says_more_than_one_that_is_shown_needs_no_certainty_of_its_own():
     """Which of two laws bends a signal is a question of how much each explains, not of chance."""
     shown = InUse(fitted=0.7, unseen=0.9, n_independent=46.0, n_unseen=25.0, certainty=2.6)

@@ -46,7 +46,7 @@ class Simulated:
 def speaks_for(used: InUse, n_own: int) -> bool:
     """Whether a law of `n_own` parameters is better in use by more than chance."""
     return (
-        used.n_independent >= GATES.min_independent
+        min(used.n_independent, used.n_unseen) >= GATES.min_independent
         and used.bic(n_own) > GATES.min_bic_gain
         and used.ratio < GATES.max_clear_ratio
         and used.certainty > GATES.unseen_significance
