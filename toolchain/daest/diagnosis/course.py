@@ -83,11 +83,10 @@ class Course:
         """The best candidates refitted: the first few, those that lead the screen in open loop, and of the
         others those that could compete with them; the leaders of the screen that were not, each with the
         reason; and whether the time sufficed."""
-        stand, options, (found, used) = self.stand, self.options, self.screens
+        options, (found, used) = self.options, self.screens
         wanted = trials(found, GATES.screen_level, options.most_trials + MORE_TRIALS)
         wanted, n_used = _with_leaders(wanted, used)
-        search = Search(stand, self.loads.run, self.load, self.loads.form, found.n_screened)
-        stages = Stages(search, self.pool, options, self.progress, simulated=self.simulated)
+        stages = self._stages()
         fits, proofs = self._of_leaders(stages, wanted[: options.most_trials], n_used)
         if not is_settled(ranked(proofs)):
             proofs += stages.proved(stages.prepared(wanted[options.most_trials :]), proofs)[0]
@@ -96,11 +95,32 @@ class Course:
         proofs = self._with_other_forms(stages, proofs)
         proofs = self._with_storage(stages, proofs)
         proofs = stages.shown_in_use(proofs)
-        proofs = self._with_shown_in_pieces(stages, proofs)
         proofs = stages.steadied(proofs)
         order = ranked(proofs)
         is_whole = not stages.late and None not in fits
         return order, _unproved(found, wanted, order, stages.failed), is_whole
+
+    def in_pieces(self, proofs: Sequence[Proof]) -> tuple[tuple[Proof, ...], bool]:
+        """All laws with those that a simulation in pieces shows, best first, where no law is accepted,
+        something is left to explain, and the errors of a whole simulation add up; and whether the time
+        sufficed."""
+        reference = self.stand.reference
+        if reference is None or not reference.adds_up or not self._is_open(proofs):
+            return tuple(proofs), True
+        self.progress("simulating pieces of the records")
+        pieces = in_pieces(self.stand, self.loads.run)
+        if pieces is None or pieces.reference is None:
+            return tuple(proofs), True
+        used = open_screen(pieces.null, pieces.reference.fit, self.candidates, self.options.seed)
+        leaders = [] if used is None else _leaders_in_use(used, MOST_IN_PIECES)
+        stages = self._stages()
+        found = stages.shown_in_pieces(pieces, leaders, proofs)
+        return ranked(found), not stages.late
+
+    def _stages(self) -> Stages:
+        loads, found = self.loads, self.screens[0]
+        search = Search(self.stand, loads.run, self.load, loads.form, found.n_screened)
+        return Stages(search, self.pool, self.options, self.progress, simulated=self.simulated)
 
     def _of_leaders(
         self, stages: Stages, wanted: Sequence[Trial], n_used: int
@@ -201,19 +221,6 @@ class Course:
             proofs += stages.proved(stages.storage(found, self.candidates, proofs), proofs)[0]
             proofs += stages.proved(stages.bent(found, self.candidates, proofs), proofs)[0]
         return proofs
-
-    def _with_shown_in_pieces(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
-        """All laws, with those that a simulation in pieces shows, where no law is accepted, something is left
-        to explain, and the errors of a whole simulation add up."""
-        reference = self.stand.reference
-        if reference is None or not reference.adds_up or not self._is_open(proofs):
-            return proofs
-        pieces = in_pieces(self.stand, self.loads.run)
-        if pieces is None or pieces.reference is None:
-            return proofs
-        used = open_screen(pieces.null, pieces.reference.fit, self.candidates, self.options.seed)
-        leaders = [] if used is None else _leaders_in_use(used, MOST_IN_PIECES)
-        return stages.shown_in_pieces(pieces, leaders, proofs)
 
     def _is_open(self, proofs: Sequence[Proof]) -> bool:
         """Whether no law is accepted, something is left to explain, and there is time for it."""

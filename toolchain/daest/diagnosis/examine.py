@@ -39,6 +39,7 @@ from daest.numerics.parallel import Workers, called, workers
 CURVE_TIMES = 20.0  # those of the fit of the model as it is, that a refit with a curve may take
 CURVE_SECONDS = 60.0  # and that it may take in any case
 TIME_UP = " The time was up before all of them were refitted."
+OPEN = ("external disturbance", "unknown effect", "cannot tell")
 EXPLAINED = ("nothing missing", "parameters off", "supported")
 
 
@@ -122,19 +123,12 @@ def _examined(
     )
     if proofs and not options.is_over:
         evidence = replace(evidence, earlier=gain_of_earlier_inputs(null))
-    decided = verdicts.decide(evidence)
-    learned = None
-    is_curve = decided.name == "unknown effect" and not decided.is_dynamic
-    is_curve = is_curve and form is not None and form.p_value < GATES.missing_level
-    if is_curve and form is not None and not options.is_over:
-        progress(f"refitting with the load as a curve over {form.label}")
-        longest = max(CURVE_SECONDS, CURVE_TIMES * stand.baseline.seconds)
-        with suppress(OutOfTimeError), until(time.monotonic() + longest):
-            learned = _learned(stand, run, form)
-        if learned is not None and learned.against:
-            decided = verdicts.decide(replace(evidence, rest=replace(loads, against_form=learned.against)))
-        elif learned is not None:
-            learned = with_formula(learned)
+    decided, learned = _decided(stand, run, evidence, loads, options, progress)
+    if decided.name in OPEN and (learned is None or learned.against):
+        proofs, is_in_time = course.in_pieces(proofs)
+        is_whole = is_whole and is_in_time
+        rest = loads if learned is None else replace(loads, against_form=learned.against)
+        decided = verdicts.decide(replace(evidence, proofs=proofs, rest=rest))
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
     if decided.name not in ("supported", "nothing missing"):
         message += _said_of_inputs(null, stand.told) + verdicts.nearest_in_pieces(decided.proofs)
@@ -157,6 +151,30 @@ def _examined(
         is_by_colour=decided.is_by_colour,
         is_of_starts=decided.is_of_starts,
     )
+
+
+def _decided(
+    stand: Stand,
+    run: NullObserver,
+    evidence: verdicts.Evidence,
+    loads: verdicts.Loads,
+    options: DiagnoseOptions,
+    progress: Progress,
+) -> tuple[verdicts.Decided, LearnedLoad | None]:
+    """What the evidence says, and the load as a curve where that is an effect of no known law; the curve may
+    speak against that."""
+    decided, form = verdicts.decide(evidence), loads.form
+    is_curve = decided.name == "unknown effect" and not decided.is_dynamic
+    if not is_curve or form is None or form.p_value >= GATES.missing_level or options.is_over:
+        return decided, None
+    progress(f"refitting with the load as a curve over {form.label}")
+    learned, longest = None, max(CURVE_SECONDS, CURVE_TIMES * stand.baseline.seconds)
+    with suppress(OutOfTimeError), until(time.monotonic() + longest):
+        learned = _learned(stand, run, form)
+    if learned is not None and learned.against:
+        rest = replace(loads, against_form=learned.against)
+        return verdicts.decide(replace(evidence, rest=rest)), learned
+    return decided, None if learned is None else with_formula(learned)
 
 
 class _Beside:
