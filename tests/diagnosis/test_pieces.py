@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daest.diagnosis.beside_starts import Started
 from daest.diagnosis.candidates import keeping_order, pairs
 from daest.diagnosis.in_use import proof_in_pieces, simulated_in_pieces
-from daest.diagnosis.open_loop import open_screen
+from daest.diagnosis.open_loop import Simulated, in_use, open_screen
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.pieces import FEWEST_PIECES, in_pieces
 from daest.diagnosis.screen import run_null
@@ -56,7 +57,7 @@ def record(friction, seed, n=1200, shaken=0.0):
 @cache
 def case(friction, shaken):
     flat = compile_text(CART, Path("Cart.mo"))
-    both = record(friction, 1, shaken=shaken), record(friction, 2, shaken=shaken)
+    both = [record(friction, seed, shaken=shaken) for seed in (1, 2)]
     stand = begin(flat, both[:1], both[1:], DiagnoseOptions(hold="zoh"))
     run = run_null(stand.null)
     pieces = in_pieces(stand, run)
@@ -110,6 +111,32 @@ def test_dry_friction_is_shown_by_pieces():
 def test_noise_is_no_law_in_pieces(effect):
     _, found = shown(f"Translational.{effect}", 0.0, 0.3)
     assert found is None or not (found.is_near or found.is_clear)
+
+
+def test_starts_count_for_nothing():
+    """A law whose start lasts longer than that of the model takes from slow errors of any origin."""
+    rng, time = np.random.default_rng(0), np.linspace(0.0, 1.0, 200)
+    short, slow = (np.exp(-time / T)[:, None, None] for T in (0.02, 2.0))
+
+    def pair(drifts, is_driven):
+        noise, driven = 0.01 * rng.standard_normal((200, 1)), np.sin(9.0 * time)[:, None] * is_driven
+        left = drifts * slow[:, :, 0] + driven + noise
+        return Started(left, short, {}), Started(noise, np.dstack([short, slow]), {})
+
+    def compared(is_driven):
+        pairs = [pair(rng.standard_normal(), is_driven) for _ in range(8)]
+        before, after = ([one[i] for one in pairs] for i in (0, 1))
+        simulations = []
+        for parts in (before, after):
+            errors = tuple(one.errors for one in parts)
+            starts = tuple(parts[:4]), tuple(parts[4:])
+            simulations.append(Simulated(errors[:4], errors[4:], starts))
+        return in_use(*simulations), in_use(*(replace(one, starts=None) for one in simulations))
+
+    beside, as_it_is = compared(is_driven=0.0)
+    assert as_it_is.ratio < 0.1 and beside.ratio == pytest.approx(1.0, abs=0.01)
+    driven, _ = compared(is_driven=1.0)
+    assert driven.ratio < 0.05
 
 
 def test_law_that_comes_near_is_told_and_not_claimed():
