@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daest.diagnosis import free_starts
 from daest.diagnosis.beside_starts import Started
 from daest.diagnosis.candidates import keeping_order, pairs
 from daest.diagnosis.in_use import proof_in_pieces, simulated_in_pieces
@@ -22,6 +23,7 @@ from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 from daest.modelica.effects import find_effect
 from daest.modelica.sites import sites
+from daest.systems.integrate import integrator
 
 CART = b"""model Cart
   parameter Real m(unit = "kg", min = 0) = 2;
@@ -137,6 +139,25 @@ def test_starts_count_for_nothing():
     assert as_it_is.ratio < 0.1 and beside.ratio == pytest.approx(1.0, abs=0.01)
     driven, _ = compared(is_driven=1.0)
     assert driven.ratio < 0.05
+
+
+def test_start_of_an_affine_model_is_looked_for_once(monkeypatch):
+    """It has one optimum: what grows over short windows ends there, too."""
+    _, _, _, pieces = case(1.5, 0.02)
+    null, piece = pieces.null, pieces.null.experiments[0]
+    windows, search = [], free_starts._searched_start
+
+    def watched(*given):
+        windows.append(given[-1])
+        return search(*given)
+
+    monkeypatch.setattr(free_starts, "_searched_start", watched)
+    model, root = integrator(null.explicit), np.diag(1.0 / null.measurement_std)
+    given = null, model, piece, np.zeros((len(null.explicit.state_names), 1)), root
+    once = free_starts.best_start(*given)
+    assert windows == sorted(windows) and windows[0] == min(piece.n_samples, free_starts.START_SAMPLES)
+    monkeypatch.setattr(free_starts, "AffineIntegrator", ())
+    assert free_starts.best_start(*given) == pytest.approx(once, rel=1e-6, abs=1e-9)
 
 
 def test_law_that_comes_near_is_told_and_not_claimed():
