@@ -169,4 +169,5 @@ def test_law_that_comes_near_is_told_and_not_claimed():
     assert proof.verdict == "rejected"
     said = nearest_in_pieces([proof])
     assert f"{proof.candidate.label} comes nearest" in said and "removes 20 % of their error" in said
-    assert not nearest_in_pieces([replace(proof, verdict="supported")])
+    for verdict in ("supported", "not separable"):
+        assert not nearest_in_pieces([proof, replace(proof, verdict=verdict)])

@@ -420,8 +420,10 @@ def _importance(evidence: Evidence, proof: Proof) -> str:
 
 def nearest_in_pieces(proofs: Sequence[Proof]) -> str:
     """A sentence on the law that is not accepted, and that simulations of pieces of the records show best;
-    empty where there is none."""
-    known = [p for p in proofs if p.verdict == "rejected" and p.in_use.piece]
+    empty where there is none, or another law is accepted: what is near is no third answer beside that."""
+    if any(p.verdict != "rejected" for p in proofs):
+        return ""
+    known = [p for p in proofs if p.in_use.piece]
     best = max(known, key=lambda p: p.in_use.bic(p.candidate.n_unknowns), default=None)
     if best is None:
         return ""
