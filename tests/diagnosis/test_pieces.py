@@ -141,6 +141,21 @@ def test_starts_count_for_nothing():
     assert driven.ratio < 0.05
 
 
+def test_pieces_of_which_starts_can_do_most_tell_nothing():
+    rng = np.random.default_rng(0)
+
+    def simulation(size, n_directions):
+        parts = [
+            Started(size * rng.standard_normal((40, 1)), rng.standard_normal((40, 1, n_directions)), {})
+            for _ in range(8)
+        ]
+        errors = tuple(one.errors for one in parts)
+        return Simulated(errors[:4], errors[4:], (tuple(parts[:4]), tuple(parts[4:])))
+
+    assert in_use(simulation(1.0, 2), simulation(0.1, 4)).ratio < 0.2
+    assert not in_use(simulation(1.0, 10), simulation(0.1, 12)).n_independent
+
+
 def test_start_of_an_affine_model_is_looked_for_once(monkeypatch):
     """It has one optimum: what grows over short windows ends there, too."""
     _, _, _, pieces = case(1.5, 0.02)

@@ -67,12 +67,14 @@ def beside_starts(
     before: Sequence[Started], after: Sequence[Started], size: np.ndarray
 ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
     """The errors (n_samples, n_y) of two simulations of the same records without what the starts of either
-    can do, by least squares relative to the `size` (n_y,) of the errors of each output."""
-    pairs = [_without_starts(*pair, size) for pair in zip(before, after, strict=True)]
+    can do, by least squares relative to the `size` (n_y,) of the errors of each output; without the records
+    of which the starts can do as much as is left."""
+    found = (_without_starts(*pair, size) for pair in zip(before, after, strict=True))
+    pairs = [pair for pair in found if pair is not None]
     return tuple(one for one, _ in pairs), tuple(other for _, other in pairs)
 
 
-def _without_starts(one: Started, other: Started, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _without_starts(one: Started, other: Started, size: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     table = np.dstack([one.directions, other.directions]) / size[:, None]
     known = np.isfinite(one.errors)
     if not (np.isfinite(table).all() and np.isfinite(other.errors[known]).all()):
@@ -81,6 +83,8 @@ def _without_starts(one: Started, other: Started, size: np.ndarray) -> tuple[np.
     lengths = np.linalg.norm(slopes, axis=0)
     basis, values, _ = np.linalg.svd(slopes[:, lengths > 0.0] / lengths[lengths > 0.0], full_matrices=False)
     basis = basis[:, values > GATES.nuisance_rank * np.max(values, initial=0.0)]
+    if 2 * basis.shape[1] >= np.count_nonzero(known):
+        return None
 
     def left(errors: np.ndarray) -> np.ndarray:
         course = np.where(known, errors / size, 0.0).ravel()

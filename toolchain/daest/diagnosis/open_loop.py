@@ -249,6 +249,8 @@ def in_use(before: Simulated | None, after: Simulated | None) -> InUse:
     if before is None or after is None or not after.unseen:
         return InUse()
     before, after = _beside_starts(before, after)
+    if not after.fitted or not after.unseen:
+        return InUse()
     size = _mean_squares(before.fitted)
     old, new = (_squares(one.fitted, size) for one in (before, after))
     independent, of_unseen = (
