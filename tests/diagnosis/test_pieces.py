@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from daest.diagnosis import free_starts
+from daest.diagnosis.beside_starts import Started
 from daest.diagnosis.candidates import keeping_order, pairs
 from daest.diagnosis.in_use import proof_in_pieces, simulated_in_pieces
-from daest.diagnosis.open_loop import open_screen
+from daest.diagnosis.open_loop import Simulated, in_use, open_screen
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.pieces import FEWEST_PIECES, in_pieces
 from daest.diagnosis.screen import run_null
@@ -21,6 +23,7 @@ from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 from daest.modelica.effects import find_effect
 from daest.modelica.sites import sites
+from daest.systems.integrate import integrator
 
 CART = b"""model Cart
   parameter Real m(unit = "kg", min = 0) = 2;
@@ -56,7 +59,7 @@ def record(friction, seed, n=1200, shaken=0.0):
 @cache
 def case(friction, shaken):
     flat = compile_text(CART, Path("Cart.mo"))
-    both = record(friction, 1, shaken=shaken), record(friction, 2, shaken=shaken)
+    both = [record(friction, seed, shaken=shaken) for seed in (1, 2)]
     stand = begin(flat, both[:1], both[1:], DiagnoseOptions(hold="zoh"))
     run = run_null(stand.null)
     pieces = in_pieces(stand, run)
@@ -112,6 +115,66 @@ def test_noise_is_no_law_in_pieces(effect):
     assert found is None or not (found.is_near or found.is_clear)
 
 
+def test_starts_count_for_nothing():
+    """A law whose start lasts longer than that of the model takes from slow errors of any origin."""
+    rng, time = np.random.default_rng(0), np.linspace(0.0, 1.0, 200)
+    short, slow = (np.exp(-time / T)[:, None, None] for T in (0.02, 2.0))
+
+    def pair(drifts, is_driven):
+        noise, driven = 0.01 * rng.standard_normal((200, 1)), np.sin(9.0 * time)[:, None] * is_driven
+        left = drifts * slow[:, :, 0] + driven + noise
+        return Started(left, short, {}), Started(noise, np.dstack([short, slow]), {})
+
+    def compared(is_driven):
+        pairs = [pair(rng.standard_normal(), is_driven) for _ in range(8)]
+        before, after = ([one[i] for one in pairs] for i in (0, 1))
+        simulations = []
+        for parts in (before, after):
+            errors = tuple(one.errors for one in parts)
+            starts = tuple(parts[:4]), tuple(parts[4:])
+            simulations.append(Simulated(errors[:4], errors[4:], starts))
+        return in_use(*simulations), in_use(*(replace(one, starts=None) for one in simulations))
+
+    beside, as_it_is = compared(is_driven=0.0)
+    assert as_it_is.ratio < 0.1 and beside.ratio == pytest.approx(1.0, abs=0.01)
+    driven, _ = compared(is_driven=1.0)
+    assert driven.ratio < 0.05
+
+
+def test_pieces_of_which_starts_can_do_most_tell_nothing():
+    rng = np.random.default_rng(0)
+
+    def simulation(size, n_directions):
+        parts = [
+            Started(size * rng.standard_normal((40, 1)), rng.standard_normal((40, 1, n_directions)), {})
+            for _ in range(8)
+        ]
+        errors = tuple(one.errors for one in parts)
+        return Simulated(errors[:4], errors[4:], (tuple(parts[:4]), tuple(parts[4:])))
+
+    assert in_use(simulation(1.0, 2), simulation(0.1, 4)).ratio < 0.2
+    assert not in_use(simulation(1.0, 10), simulation(0.1, 12)).n_independent
+
+
+def test_start_of_an_affine_model_is_looked_for_once(monkeypatch):
+    """It has one optimum: what grows over short windows ends there, too."""
+    _, _, _, pieces = case(1.5, 0.02)
+    null, piece = pieces.null, pieces.null.experiments[0]
+    windows, search = [], free_starts._searched_start
+
+    def watched(*given):
+        windows.append(given[-1])
+        return search(*given)
+
+    monkeypatch.setattr(free_starts, "_searched_start", watched)
+    model, root = integrator(null.explicit), np.diag(1.0 / null.measurement_std)
+    given = null, model, piece, np.zeros((len(null.explicit.state_names), 1)), root
+    once = free_starts.best_start(*given)
+    assert windows == sorted(windows) and windows[0] == min(piece.n_samples, free_starts.START_SAMPLES)
+    monkeypatch.setattr(free_starts, "AffineIntegrator", ())
+    assert free_starts.best_start(*given) == pytest.approx(once, rel=1e-6, abs=1e-9)
+
+
 def test_law_that_comes_near_is_told_and_not_claimed():
     search, found = shown("Translational.CoulombFriction", 1.5, 0.02)
     vague = replace(found, used=replace(found.used, unseen=2.0 * np.log(1.25), certainty=1.0))
@@ -122,4 +185,5 @@ def test_law_that_comes_near_is_told_and_not_claimed():
     assert proof.verdict == "rejected"
     said = nearest_in_pieces([proof])
     assert f"{proof.candidate.label} comes nearest" in said and "removes 20 % of their error" in said
-    assert not nearest_in_pieces([replace(proof, verdict="supported")])
+    for verdict in ("supported", "not separable"):
+        assert not nearest_in_pieces([proof, replace(proof, verdict=verdict)])

@@ -117,3 +117,30 @@ def test_one_of_the_laws_that_bend_a_signal_leads_the_screen_in_open_loop(monkey
     monkeypatch.setattr(course_module, "trials", lambda *_: seen)
     found = course_module._leaders_in_use(cast(Any, SimpleNamespace(entries=seen)))
     assert [one.candidate.label for one in found] == ["QuadraticGain", "Lag", "Unbalance"]
+
+
+@pytest.mark.parametrize(("gain", "is_left"), [(500.0, False), (480.0, True)])
+def test_law_with_states_in_pieces_is_compared_with_short_lags(
+    monkeypatch: Any, gain: float, is_left: bool
+) -> None:
+    """A relaxation of a resistance too short to be seen is any lag, and no screen has a lag."""
+
+    def found(label: str, bic: float, n_states: int, estimated: tuple[str, ...]) -> Any:
+        candidate = SimpleNamespace(
+            label=label, effect=SimpleNamespace(n_states=n_states), estimated=estimated, n_unknowns=2
+        )
+        one = SimpleNamespace(trial=SimpleNamespace(candidate=candidate))
+        return SimpleNamespace(prepared=one, is_clear=True, bic=bic)
+
+    lag, law = found("lag", gain, 1, ("T",)), found("relaxation", 490.0, 1, ("R", "T"))
+    other = found("friction", 100.0, 0, ("f",))
+    proof = SimpleNamespace(
+        candidate=lag.prepared.trial.candidate, is_any_dynamics=True, comes_near=False, lag=lag
+    )
+    monkeypatch.setattr(stages_module, "_as_refitted", lambda _null, p: p.lag)
+    monkeypatch.setattr(stages_module, "simulated_in_pieces", lambda _search, prepared: prepared)
+    made = stages((0.0, {}))
+    run = cast(Any, lambda _stage, _before, tasks: ([], [task() for task in tasks]))
+    monkeypatch.setattr(Stages, "proved", lambda _self, *given: run(*given))
+    left = made._without_imitations(cast(Any, None), [law, other], cast(Any, [proof]))
+    assert left == ([law, other] if is_left else [other])

@@ -16,7 +16,7 @@ from daest.estimation.records import n_observed
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.systems.initialize import initial_point
-from daest.systems.integrate import Integrator, integrate, integrator
+from daest.systems.integrate import AffineIntegrator, Integrator, integrate, integrator
 from daest.systems.integration import Correction, IntegrationError, Trajectory
 
 START_SAMPLES = 300  # that the initial state is fitted to
@@ -117,8 +117,9 @@ def best_start(
     any load needs no measurement, and leaves the noise of a sensor open, be it beyond all that it shows.
 
     It is looked for from the model's start at once, and over windows that grow: over a short one a law that
-    bends or sticks hardly matters, so that what it finds is near. Where hardly any load is left, the observer
-    does not correct anything and the start decides over all that follows: the window grows with it.
+    bends or sticks hardly matters, so that what it finds is near. An affine model has one optimum, which the
+    first step comes to from anywhere. Where hardly any load is left, the observer does not correct anything
+    and the start decides over all that follows: the window grows with it.
     """
     begin = initial_point(null.explicit, null.theta, experiment.inputs[0])[0]
     loads = {load.name for load in null.loads}
@@ -126,12 +127,13 @@ def best_start(
     free &= ~_shaped(null, [experiment])
     begin = np.where(free, begin, 0.0)
     n = min(START_SAMPLES, experiment.n_samples)
-    at_once = _searched_start(null, model, experiment, gain, root, begin, free, n)
-    grown = _Start(begin)
-    for part in START_PARTS:
-        rows = max(int(part * n), FEWEST_AT_START)
-        grown = _searched_start(null, model, experiment, gain, root, grown.state, free, rows)
-    best = min(at_once, grown, key=lambda found: found.error)
+    best = _searched_start(null, model, experiment, gain, root, begin, free, n)
+    if not (isinstance(model, AffineIntegrator) and np.isfinite(best.error)):
+        grown = _Start(begin)
+        for part in START_PARTS:
+            rows = max(int(part * n), FEWEST_AT_START)
+            grown = _searched_start(null, model, experiment, gain, root, grown.state, free, rows)
+        best = min(best, grown, key=lambda found: found.error)
     while n < experiment.n_samples and best.remembered > GATES.max_remembered:
         n = min(LONGER * n, experiment.n_samples)
         best = _searched_start(null, model, experiment, gain, root, best.state, free, n)

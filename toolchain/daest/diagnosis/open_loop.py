@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from daest.diagnosis.beside_starts import Started, beside_starts, started
 from daest.diagnosis.candidates import courses, ranges
 from daest.diagnosis.free_starts import free_runs
 from daest.diagnosis.gates import GATES
@@ -37,10 +38,13 @@ START_SHARES = (1.0, 0.1)  # of the sizes by the screen, from which it starts
 
 @dataclass(frozen=True)
 class Simulated:
-    """Errors (n_samples, n_y) of the simulation of every record that was fitted, and of every unseen one."""
+    """Errors (n_samples, n_y) of the simulation of every record that was fitted, and of every unseen one.
+    `starts` are the same simulations with what their starts can do, where these count for nothing: there the
+    records are many, and short."""
 
     fitted: tuple[np.ndarray, ...]
     unseen: tuple[np.ndarray, ...]
+    starts: tuple[tuple[Started, ...], tuple[Started, ...]] | None = None
 
 
 def speaks_for(used: InUse, n_own: int) -> bool:
@@ -152,6 +156,26 @@ def _errors(model: Null, experiments: Sequence[Experiment]) -> tuple[np.ndarray,
     return tuple(e.outputs - run.outputs for e, run in zip(experiments, runs, strict=True))
 
 
+def errors_in_pieces(
+    null: Null,
+    flat: FlatModel,
+    explicit: ExplicitModel,
+    fit: FitResult,
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment],
+    before: Simulated | None = None,
+) -> Simulated | None:
+    """`simulated_errors` over pieces of records, with what their starts can do; `before` is the simulation
+    that it will be compared with."""
+    model = grown(null, flat, explicit, fit, experiments)
+    known = ((), ()) if before is None or before.starts is None else before.starts
+    fitted, unseen = started(model, experiments, known[0]), started(model, validation, known[1])
+    if fitted is None or unseen is None:
+        return None
+    seen, foreseen = (tuple(one.errors for one in part) for part in (fitted, unseen))
+    return Simulated(seen, foreseen, starts=(fitted, unseen))
+
+
 def largest_values(model: Null) -> dict[str, float]:
     """Largest magnitude of every variable in the simulation of the experiments of a model; empty where it
     cannot be simulated."""
@@ -224,6 +248,9 @@ def in_use(before: Simulated | None, after: Simulated | None) -> InUse:
     """The second model against the first one, of which neither may be known."""
     if before is None or after is None or not after.unseen:
         return InUse()
+    before, after = _beside_starts(before, after)
+    if not after.fitted or not after.unseen:
+        return InUse()
     size = _mean_squares(before.fitted)
     old, new = (_squares(one.fitted, size) for one in (before, after))
     independent, of_unseen = (
@@ -241,6 +268,16 @@ def in_use(before: Simulated | None, after: Simulated | None) -> InUse:
         n_unseen=of_unseen,
         certainty=gap / error if error > 0.0 else 0.0,
     )
+
+
+def _beside_starts(before: Simulated, after: Simulated) -> tuple[Simulated, Simulated]:
+    """Both without what the starts of either can do, where these count for nothing."""
+    if before.starts is None or after.starts is None:
+        return before, after
+    size = np.sqrt(_mean_squares(before.fitted))
+    parts = zip(before.starts, after.starts, strict=True)
+    (old, new), (seen, foreseen) = (beside_starts(*pair, size) for pair in parts)
+    return Simulated(old, seen), Simulated(new, foreseen)
 
 
 def _mean_squares(errors: Sequence[np.ndarray]) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 from daest.diagnosis.candidates import fed
 from daest.diagnosis.free_starts import free_runs
 from daest.diagnosis.null import Null, grown
-from daest.diagnosis.open_loop import simulated_errors
+from daest.diagnosis.open_loop import errors_in_pieces
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.settled import simulated
 from daest.diagnosis.stand import Stand, quiet
@@ -47,7 +47,7 @@ def in_pieces(stand: Stand, run: NullObserver) -> Stand | None:
         if fit.method != "oe":
             return None
         flat = null.flat.with_theta(fit.theta)
-        errors = simulated_errors(alone, flat, replace(null.explicit, flat=flat), fit, experiments, unseen)
+        errors = errors_in_pieces(alone, flat, replace(null.explicit, flat=flat), fit, experiments, unseen)
     if errors is None:
         return None
     known = replace(reference, fit=fit, foreseen=None, adds_up=False, simulated=errors, holding=())

@@ -15,7 +15,14 @@ from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.free_starts import misfit, steady_misfit
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown, loads_of, period_of, refitted
-from daest.diagnosis.open_loop import Simulated, in_use, says_more_in_use, simulated_errors, speaks_for
+from daest.diagnosis.open_loop import (
+    Simulated,
+    errors_in_pieces,
+    in_use,
+    says_more_in_use,
+    simulated_errors,
+    speaks_for,
+)
 from daest.diagnosis.ranking import ahead_of, least_hope
 from daest.diagnosis.reasons import (
     LOST,
@@ -690,7 +697,10 @@ def used_by(
         return InUse()
     flat = prepared.flat.with_theta(final.theta)
     explicit = replace(prepared.reduced(), flat=flat)
-    found = simulated_errors(null, flat, explicit, final, null.experiments, validation)
+    records = null.experiments, validation
+    if reference.simulated.starts is None:
+        return in_use(reference.simulated, simulated_errors(null, flat, explicit, final, *records))
+    found = errors_in_pieces(null, flat, explicit, final, *records, reference.simulated)
     return in_use(reference.simulated, found)
 
 

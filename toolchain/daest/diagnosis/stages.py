@@ -14,7 +14,7 @@ import numpy as np
 from daest.diagnosis.ahead import ONE_COMPILATION, compilations
 from daest.diagnosis.attempts import proof_by_attempts
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.in_use import proof_in_pieces, shown_in_use, simulated_in_pieces
+from daest.diagnosis.in_use import InPieces, proof_in_pieces, shown_in_use, simulated_in_pieces
 from daest.diagnosis.late_signals import is_late
 from daest.diagnosis.null import Null
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
@@ -304,6 +304,7 @@ class Stages:
             tasks += [partial(simulated_in_pieces, search, prepared) for prepared in ready]
             known.update({prepared.trial.candidate.name: refitted for prepared in ready})
         found = [one for one in self.proved((), proofs, tasks)[1] if one is not None] if tasks else []
+        found = self._without_imitations(search, found, proofs)
         near = sorted((one for one in found if one.is_near), key=lambda one: -one.bic)
         told = [one for one in near if one.is_clear] or near[:1]
         again = [
@@ -312,6 +313,27 @@ class Stages:
         judged = [p for p in self.proved((), proofs, again)[1] if p is not None] if again else []
         names = {p.candidate.name for p in judged}
         return [*(p for p in proofs if p.candidate.name not in names), *judged]
+
+    def _without_imitations(
+        self, search: Search, found: Sequence[InPieces], proofs: Sequence[Proof]
+    ) -> list[InPieces]:
+        """What was found in pieces, without clear laws with states that say no more there than a lag with
+        fewer parameters which is too short to be told from others, or only comes near. Such a lag is refused
+        beside loads, and no screen has it: its own simulation in pieces alone compares with that of a law."""
+        storing = [one for one in found if one.is_clear and one.prepared.trial.candidate.effect.n_states]
+        lags = [p for p in proofs if p.is_any_dynamics or p.comes_near] if storing else []
+        fewest = min((p.candidate.n_unknowns for p in lags), default=0)
+        tasks = [
+            partial(simulated_in_pieces, search, _as_refitted(self.search.stand.null, p))
+            for p in lags
+            if p.candidate.n_unknowns == fewest
+        ]
+        short = [one for one in self.proved((), proofs, tasks)[1] if one is not None] if tasks else []
+        return [
+            one
+            for one in found
+            if all(one is not law for law in storing) or not any(_says_as_much(lag, one) for lag in short)
+        ]
 
     def steadied(self, proofs: Sequence[Proof]) -> list[Proof]:
         """All laws; those that are not separable with the errors of unseen data beside constant loads, by
@@ -333,6 +355,12 @@ def is_same(trial: Trial, candidate: Candidate) -> bool:
     """Whether a candidate is the trial, at its place or at one that the sensors see alike."""
     places = {trial.candidate.site.name, *(c.site.name for c in trial.alike)}
     return trial.candidate.effect.class_name == candidate.effect.class_name and candidate.site.name in places
+
+
+def _says_as_much(simple: InPieces, other: InPieces) -> bool:
+    """Whether a law with fewer parameters says as much in pieces as another one."""
+    few, many = (len(one.prepared.trial.candidate.estimated) for one in (simple, other))
+    return few < many and other.bic <= simple.bic + GATES.same_bic
 
 
 def _as_refitted(null: Null, proof: Proof) -> Prepared:
