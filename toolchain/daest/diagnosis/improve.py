@@ -436,7 +436,12 @@ def _beside_lag(task: _Task, path: _Path, diagnosis: Diagnosis) -> list[_Path]:
     back, or where one is in the model already that holds nothing back: two unproven lags, which trade with
     each other, let almost any law in."""
     lags = lags_in_the_way(diagnosis)
-    if not lags or path.steps[-1].remark == TOGETHER or task.options.is_over or len(path.steps) - len(task.first) + 2 > task.most_effects:
+    if (
+        not lags
+        or path.steps[-1].remark == TOGETHER
+        or task.options.is_over
+        or len(path.steps) - len(task.first) + 2 > task.most_effects
+    ):
         return []
     grown = _with_lag(task, path, diagnosis, lags[0])
     law = grown[0].steps[len(path.steps) + 1].proof if grown else None
