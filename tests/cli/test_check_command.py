@@ -28,6 +28,28 @@ def test_wrong_polarity_is_told_by_the_model(folder, daest):
     assert "warning[check-polarity]: bad: y moves against the model" in err
 
 
+DECAY = """model Decay
+  parameter Real T(unit = "s") = 20 annotation(__Daest(estimate = true));
+  output Real y(unit = "1") annotation(__Daest(std = 0.01));
+  Real x(unit = "1", start = 1);
+equation
+  T*der(x) = -LAW;
+  y = x;
+end Decay;
+"""
+
+
+@pytest.mark.parametrize(("law", "code"), [("x", 0), ("2*sqrt(x)", 1)])  # a carriage and a tank
+def test_what_starts_the_other_way_has_no_wrong_polarity(folder, daest, law, code):
+    (folder / "Decay.mo").write_text(DECAY.replace("LAW", law))
+    time = np.arange(60) * 0.05
+    noise = 1e-3 * np.random.default_rng(3).standard_normal(60)
+    rows = np.column_stack([time, -np.exp(-time / 2.0) + noise])
+    np.savetxt(folder / "back.csv", rows, delimiter=",", header="time [s],y", comments="")
+    found, out, _ = daest("check", "back.csv", "--model", "Decay.mo")
+    assert found == code and ("check-polarity" in out) == (code == 1), out
+
+
 @pytest.mark.parametrize(
     ("factor", "told"),
     [

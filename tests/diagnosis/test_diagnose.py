@@ -287,6 +287,19 @@ def test_too_short_a_record_is_refused():
     assert "--split" not in caught.value.remedy
 
 
+def test_share_that_is_enough_is_one_of_the_time_of_the_same_recordings():
+    record = rotor_record(300, seed=1)[0]
+    step = record.time[1] - record.time[0]
+    paused = replace(record, time=record.time + np.where(np.arange(300) < 160, 0.0, 100.0 * step))
+    with pytest.raises(EstimationError) as caught:
+        diagnosed(paused)
+    assert "more of the 300 that there are estimate: --split 0.75" in caught.value.remedy
+    parts = part_of(record, 0, 150), replace(part_of(record, 150, 300), name="other run")
+    with pytest.raises(EstimationError) as caught:  # which --split would leave out
+        diagnose(model(), library(), parts[:1], parts[1:], options("CoulombFriction"))
+    assert "--split" not in caught.value.remedy
+
+
 def test_outputs_that_never_change_are_refused():
     record, _ = rotor_record(600, seed=1)
     still = replace(record, outputs=np.full_like(record.outputs, 0.3))

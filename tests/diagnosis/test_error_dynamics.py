@@ -1,21 +1,26 @@
 """Error dynamics of an observer against differences of its own runs."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 from hidden_plants import model, rotor_record
 
-from daest.diagnosis.error_dynamics import average_dynamics
+from daest.diagnosis.error_dynamics import average_dynamics, dynamics_along
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screen import run_null
 from daest.diagnosis.stand import begin
+from daest.estimation.observer import average_model
+from daest.model.experiment import Experiment
 from daest.modelica.attach import attach
+from daest.modelica.compile import compile_text
 from daest.modelica.effects import effect_library
 from daest.modelica.sites import sites
 from daest.systems.integrate import integrate, integrator
 from daest.systems.integration import Correction
+from daest.systems.reduce import reduce_index
 
 PUSH = 1e-5  # N.m
 
@@ -117,3 +122,27 @@ def test_error_at_the_start_goes_on_as_one_that_a_drive_has_left():
     begun = dynamics.from_start(m)
     assert np.array_equal(begun[:, 0], np.eye(n)) and np.any(later[1])
     assert np.allclose(later[1:], np.einsum("i,imn->mn", later[1], begun)[:-1])
+
+
+SINGULAR = """model Singular "A capacity that shrinks to nothing at x = 1"
+  parameter Real T(unit = "s") = 1;
+  input Real u(unit = "1");
+  output Real y(unit = "1") annotation(__Daest(std = 0.01));
+  Real x(unit = "1", start = 0);
+equation
+  T*(1 - x)*der(x) = u - x;
+  y = x;
+end Singular;
+"""
+
+
+def test_where_a_filtered_state_meets_a_singularity_errors_are_those_of_the_average():
+    explicit = reduce_index(compile_text(SINGULAR.encode(), Path("Singular.mo")))
+    time, u = 0.1 * np.arange(6), np.full((6, 1), 2.0)
+    far, near = np.full((6, 1), 0.1), np.full((6, 1), 0.99)
+    average = average_model(explicit, np.ones(1), time, far, u)
+    records = tuple(Experiment(name, time, u, far, ("u",), ("y",)) for name in ("far", "near"))
+    found = dynamics_along(explicit, average, records, [far, near], [far, near], "zoh", 1e-6)
+    constant = average_dynamics(average)
+    assert found[0].transition.shape == (5, 1, 1)
+    np.testing.assert_array_equal(found[1].transition, constant.transition)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from daest.diagnosis import improve as improving
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.held_back import lags_in_the_way
 from daest.diagnosis.improve import improve
@@ -144,3 +145,16 @@ def test_lag_is_looked_beside_where_it_leaves_errors_far_above_the_noise(error, 
         told=SimpleNamespace(simulated={"validation": Agreement({"T": None}, {"T": error})}),
     )
     assert lags_in_the_way(SimpleNamespace(proofs=(lag,))) == ([lag] if is_looked_beside else [])
+
+
+def test_no_second_lag_beside_one_that_has_let_no_law_in(monkeypatch):
+    """Two unproven lags, which trade with each other, would let almost any law in."""
+    tried = []
+    monkeypatch.setattr(improving, "lags_in_the_way", lambda found: ["lag of the input", "lag of the output"])
+    monkeypatch.setattr(improving, "_with_lag", lambda task, path, found, lag: tried.append(lag) or [])
+    task = SimpleNamespace(options=DiagnoseOptions(), first=(), most_effects=5)
+    for remark, expected in (("supported", ["lag of the input"]), (improving.TOGETHER, [])):
+        path = SimpleNamespace(steps=(SimpleNamespace(remark=remark),))
+        assert improving._beside_lag(task, path, None) == []
+        assert tried == expected
+        tried.clear()

@@ -115,6 +115,7 @@ def test_a_model_that_its_inputs_do_not_move_is_told(is_recorded):
     share = driven_share(null)
     assert share == pytest.approx(1.0, abs=0.1) if is_recorded else share < GATES.min_driven
     assert bool(undriven(null)) == bool(_said_of_inputs(null, null.fit)) == (not is_recorded)
+    assert is_recorded or "check their columns and units" in _said_of_inputs(null, null.fit)
     # Without its loads the inputs move the model: these have taken over what the inputs do.
     told = replace(null.fit, theta={**null.fit.theta, "J": 0.1, "c": 2.0, "d": 0.05})
     heavy = replace(null, flat=null.flat.with_theta({**null.fit.theta, "J": 1e4, "c": 2e5, "d": 5e3}))
@@ -138,7 +139,9 @@ def test_inputs_that_were_switched_before_the_recordings_move_the_model():
     flat = compile_text(SPRING, Path("Spring.mo"))
     null = fit_null(flat, load_sites(flat), records, "zoh")
     assert driven_share(null) > GATES.min_driven and not undriven(null)
-    assert driven_share(replace(null, experiments=(records[0],))) < GATES.min_driven
+    alone = replace(null, experiments=(records[0],))
+    assert driven_share(alone) < GATES.min_driven
+    assert "since they hardly change: record while they do" in _said_of_inputs(alone, null.fit)
 
 
 def test_few_independent_samples_say_nothing_on_either_data():

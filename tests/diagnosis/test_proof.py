@@ -849,6 +849,7 @@ def test_torque_is_known_by_its_ratio_where_no_sensor_tells_the_scale_of_all_tor
     bend = replace(candidate.effect.sizes[0], signal_unit="1/u")
     bent = replace(candidate.effect, parameters=(bend,))
     assert certainty(told(-0.99), bent, sharp) == pytest.approx(1.0 / (0.4 * np.sqrt(2.0 * 0.01)))
+    assert certainty(told(-0.99, min=None), bent, sharp) == pytest.approx(1.0 / (0.4 * np.sqrt(2.0 * 0.01)))
     assert certainty(told(0.99), bent, sharp) == pytest.approx(2.5)
     assert "tau_c = 0.15 ± 0.06 N.m" in not_determined(candidate, told(0.99), sharp)
 

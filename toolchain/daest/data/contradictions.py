@@ -79,6 +79,8 @@ def contradictions(flat: Model, experiment: Experiment) -> list[Contradiction]:
             is_scaled = is_scaled & (correlations > DATA.upside_down) & is_far
             if not np.any(is_against | is_scaled):
                 return []  # whatever the other parameter values give
+        if not np.any(np.ptp(part.inputs, axis=0)):  # its starts alone move it, and these are free
+            is_against = is_against & ~(_mirrored(driven, part) >= -DATA.upside_down)
     except DaestError:
         return []
     known = np.isfinite(np.stack(seen)[:, 0]).all(axis=0)
@@ -140,12 +142,27 @@ def _driven(flat: Model) -> Any:
     return flat if isinstance(flat, FlatModel) and flat.events is not None else dynamics(flat)
 
 
-def _beside(driven: Any, experiment: Experiment, theta: np.ndarray) -> np.ndarray:
+def _mirrored(driven: Any, part: Experiment) -> np.ndarray:
+    """Correlation of every measured output with the model's where all states start at minus what they do,
+    (n_y,); NaN where the model has no such start."""
+    from daest.systems.simulate import simulate
+
+    first = replace(part, time=part.time[:2], inputs=part.inputs[:2], outputs=part.outputs[:2])
+    x0 = -simulate(driven, first).states[0]
+    try:
+        return _beside(driven, part, None, x0)[0]
+    except DaestError:
+        return np.full(len(part.output_names), np.nan)
+
+
+def _beside(
+    driven: Any, experiment: Experiment, theta: np.ndarray | None, x0: np.ndarray | None = None
+) -> np.ndarray:
     """Correlation of every measured output with the simulated one, and how many times as large it is,
     (2, n_y); NaN where one of them stands still."""
     from daest.systems.simulate import simulate
 
-    simulated = simulate(driven, experiment, theta=theta).outputs
+    simulated = simulate(driven, experiment, theta=theta, x0=x0).outputs
     pairs = zip(experiment.outputs.T, simulated.T, strict=True)
     return np.array([_correlation(experiment.time, *pair) for pair in pairs]).T
 

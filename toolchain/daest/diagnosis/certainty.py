@@ -38,7 +38,7 @@ def certainty_of(
     uncertain as this scale, each of them, and none of them is zero for that. Not by one to a parameter that
     was known `before` the law was there: the law then only takes its place, and their difference is all that
     is known. Nor the size of a law that changes the order of the model, whose ratios to other times are no
-    scales. The bend of a signal counts by its product with such a parameter, known before or not: a thrust
+    scales. The bend of a signal counts by its product with any parameter, known before or not: a thrust
     with the square of a command has no other gain, and relative to that its bend may be anything, while the
     product is certain. 0 where nothing is known."""
     null, error = declared.null or 0.0, own.std_error
@@ -99,7 +99,7 @@ def _beside_scales(
     candidate: Candidate, told: FitResult, own: FittedParameter, declared: EffectParameter
 ) -> Iterator[tuple[FittedParameter, float]]:
     """The parameters of the model that cannot vanish, each with the standard error of the logarithm of its
-    ratio to a size, or of its product with it for a bend."""
+    ratio to a size; for a bend all of them, with that of their product: a gain may vanish beside it."""
     if declared.role != "size" or declared.null or candidate.effect.is_dynamic or not own.value:
         return
     names, cov = told.covariance()
@@ -107,7 +107,8 @@ def _beside_scales(
     for p in told.parameters if own.name in known else ():
         if p.name.startswith(f"{candidate.name}.") or p.name not in known:
             continue
-        if p.min is None or not p.min >= 0.0 < p.value:
+        cannot_vanish = p.min is not None and p.min >= 0.0 < p.value
+        if not cannot_vanish and not (is_bend(declared) and p.value):
             continue
         both = np.ix_([known[own.name], known[p.name]], [known[own.name], known[p.name]])
         relative = np.array([1.0 / own.value, (1.0 if is_bend(declared) else -1.0) / p.value])

@@ -22,7 +22,7 @@ from daest.numerics.exponential import transition_integrals
 from daest.numerics.recursions import linear_recursion, products_along, varying_recursion
 from daest.numerics.tables import turned
 from daest.systems.integrate import Integrator, integrate, integrator
-from daest.systems.integration import Correction
+from daest.systems.integration import Correction, IntegrationError
 from daest.systems.linearize import has_affine_dynamics
 
 MOST_STATES = 20  # beyond, the sensitivities along a recording take more memory than they are worth
@@ -123,15 +123,20 @@ def dynamics_along(
     hold: Hold,
     rtol: float,
 ) -> tuple[ErrorDynamics, ...]:
-    """Of every experiment along its filtered states (n_samples, n), predictions starting from them."""
+    """Of every experiment along its filtered states (n_samples, n), predictions starting from them; of the
+    average where the model cannot be followed so, as where a filtered state meets a singularity of a law."""
+    constant = average_dynamics(average)
     if not is_varying(explicit):
-        return (average_dynamics(average),) * len(experiments)
+        return (constant,) * len(experiments)
     model = pushed_integrator(explicit)
     slopes = jacobians(explicit).slice("output_slopes", range(4), [2])
-    return tuple(
-        _along(explicit, model, slopes, *one, hold, rtol)
-        for one in zip(experiments, filtered, predicted, strict=True)
-    )
+    found = []
+    for one in zip(experiments, filtered, predicted, strict=True):
+        try:
+            found.append(_along(explicit, model, slopes, *one, hold, rtol))
+        except IntegrationError:
+            found.append(constant)
+    return tuple(found)
 
 
 def is_varying(explicit: ExplicitModel) -> bool:

@@ -8,6 +8,8 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.candidates import keeping_order
 from daest.diagnosis.chosen import chosen_candidates
@@ -30,6 +32,7 @@ from daest.diagnosis.stand import Stand, quiet
 from daest.diagnosis.unseen import innovations
 from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
 from daest.model.effects import Effect
+from daest.model.experiment import Experiment
 from daest.model.fit import FitResult
 from daest.modelica.attach import names_of
 from daest.modelica.sites import sites_left
@@ -210,10 +213,16 @@ def _said_of_inputs(null: Null, told: FitResult) -> str:
     alone = driven_share(grown(null, null.flat, null.explicit, told, null.experiments))
     if alone is not None and alone >= GATES.min_driven:
         return ""
-    return (
-        f" The recorded inputs move the fitted model by {share:.1%} of what its outputs do: check their "
-        "columns and units, and the noise on them."
-    )
+    remedy = ": check their columns and units, and the noise on them."
+    if _are_steady(null.experiments):
+        remedy = ", since they hardly change: record while they do."
+    return f" The recorded inputs move the fitted model by {share:.1%} of what its outputs do{remedy}"
+
+
+def _are_steady(experiments: Sequence[Experiment]) -> bool:
+    """Whether every input keeps one level in all recordings."""
+    u = np.concatenate([experiment.inputs for experiment in experiments])
+    return bool(np.all(np.std(u, axis=0) < GATES.min_driven * np.abs(np.mean(u, axis=0))))
 
 
 def _next_experiment(stand: Stand, decided: verdicts.Decided, options: DiagnoseOptions) -> str:

@@ -47,6 +47,7 @@ from daest.numerics.threads import one_thread
 MOST_PATHS = 2  # hypotheses that are pursued side by side
 MOST_TAKEN_UP = 2  # of those that were put aside, after an end with something missing
 OUT_OF_TIME = "The time was up"
+TOGETHER = "only together with what follows"
 
 
 @dataclass(frozen=True)
@@ -432,9 +433,15 @@ def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
 
 def _beside_lag(task: _Task, path: _Path, diagnosis: Diagnosis) -> list[_Path]:
     """The paths with a lag of a sensor and with what is accepted beside it; none where no lag holds a law
-    back."""
+    back, or where one is in the model already that holds nothing back: two unproven lags, which trade with
+    each other, let almost any law in."""
     lags = lags_in_the_way(diagnosis)
-    if not lags or task.options.is_over or len(path.steps) - len(task.first) + 2 > task.most_effects:
+    if (
+        not lags
+        or path.steps[-1].remark == TOGETHER
+        or task.options.is_over
+        or len(path.steps) - len(task.first) + 2 > task.most_effects
+    ):
         return []
     grown = _with_lag(task, path, diagnosis, lags[0])
     law = grown[0].steps[len(path.steps) + 1].proof if grown else None
@@ -449,8 +456,7 @@ def _with_lag(task: _Task, path: _Path, diagnosis: Diagnosis, lag: Proof) -> lis
     """The paths with the lag and with what is accepted beside it; none where nothing is."""
     beside = accept(path.stand, lag, task.options.jobs)
     told = told_beside(lag, path.stand, beside)
-    remark = "only together with what follows"
-    grown = _continued(task, _Path(beside, (*path.steps, Step(told, told.told, diagnosis, remark))))
+    grown = _continued(task, _Path(beside, (*path.steps, Step(told, told.told, diagnosis, TOGETHER))))
     return [one for one in grown if len(one.steps) > len(path.steps) + 1]
 
 

@@ -369,13 +369,24 @@ def halved(
     return first, second
 
 
-def _divided_otherwise(n_samples: int, validation: Sequence[Experiment]) -> str:
-    """How recordings that are long enough as a whole may be divided; empty where they are not."""
-    whole = n_samples + sum(e.n_samples for e in validation)
-    share = float(np.ceil(100.0 * GATES.min_samples / whole)) / 100.0
-    if share > 1.0 - GATES.least_kept_back:
+def _divided_otherwise(experiments: Sequence[Experiment], validation: Sequence[Experiment]) -> str:
+    """How recordings that are long enough as a whole may be divided, by a share of their time; empty where
+    they are not, or where others validate, which a share would leave out."""
+    later = {e.name.removesuffix(" (validation)"): e for e in validation}
+    if len(later) != len(validation) or len(validation) != len(experiments):
         return ""
-    return f", or let more of the {whole} that there are estimate: --split {share:g}"
+    times = []
+    for e in experiments:
+        rest = later.get(e.name.removesuffix(" (estimation)"))
+        if rest is None or rest.time[0] <= e.time[-1]:
+            return ""
+        times.append(np.concatenate([e.time, rest.time]))
+    for percent in range(50, int(100.0 * (1.0 - GATES.least_kept_back)) + 1):
+        edges = [t[0] + percent / 100.0 * (t[-1] - t[0]) for t in times]
+        if sum(int(np.sum(t <= edge)) for t, edge in zip(times, edges, strict=True)) >= GATES.min_samples:
+            whole = sum(t.size for t in times)
+            return f", or let more of the {whole} that there are estimate: --split {percent / 100.0:g}"
+    return ""
 
 
 def _divided(
@@ -389,7 +400,7 @@ def _divided(
             f"{n_samples} samples to diagnose from cannot tell a missing effect from noise",
             remedy=f"record at least {2 * GATES.min_samples} samples (half are kept for validation) that "
             "move the machine through its whole range, in both directions and through rest"
-            + _divided_otherwise(n_samples, validation),
+            + _divided_otherwise(experiments, validation),
         )
     signals = [y[np.isfinite(y)] for e in experiments for y in e.outputs.T]
     if all(is_constant(y) for y in signals if y.size):
