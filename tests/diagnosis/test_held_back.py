@@ -153,8 +153,8 @@ def test_no_second_lag_beside_one_that_has_let_no_law_in(monkeypatch):
     monkeypatch.setattr(improving, "lags_in_the_way", lambda found: ["lag of the input", "lag of the output"])
     monkeypatch.setattr(improving, "_with_lag", lambda task, path, found, lag: tried.append(lag) or [])
     task = SimpleNamespace(options=DiagnoseOptions(), first=(), most_effects=5)
-    for remark, expected in (("supported", ["lag of the input"]), (improving.TOGETHER, [])):
-        path = SimpleNamespace(steps=(SimpleNamespace(remark=remark),))
+    for is_unproven, expected in ((False, ["lag of the input"]), (True, [])):
+        path = SimpleNamespace(steps=(SimpleNamespace(is_unproven=is_unproven),))
         assert improving._beside_lag(task, path, None) == []
         assert tried == expected
         tried.clear()

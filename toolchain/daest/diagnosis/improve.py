@@ -47,7 +47,6 @@ from daest.numerics.threads import one_thread
 MOST_PATHS = 2  # hypotheses that are pursued side by side
 MOST_TAKEN_UP = 2  # of those that were put aside, after an end with something missing
 OUT_OF_TIME = "The time was up"
-TOGETHER = "only together with what follows"
 
 
 @dataclass(frozen=True)
@@ -438,7 +437,7 @@ def _beside_lag(task: _Task, path: _Path, diagnosis: Diagnosis) -> list[_Path]:
     lags = lags_in_the_way(diagnosis)
     if (
         not lags
-        or path.steps[-1].remark == TOGETHER
+        or path.steps[-1].is_unproven
         or task.options.is_over
         or len(path.steps) - len(task.first) + 2 > task.most_effects
     ):
@@ -456,7 +455,8 @@ def _with_lag(task: _Task, path: _Path, diagnosis: Diagnosis, lag: Proof) -> lis
     """The paths with the lag and with what is accepted beside it; none where nothing is."""
     beside = accept(path.stand, lag, task.options.jobs)
     told = told_beside(lag, path.stand, beside)
-    grown = _continued(task, _Path(beside, (*path.steps, Step(told, told.told, diagnosis, TOGETHER))))
+    step = Step(told, told.told, diagnosis, "only together with what follows", is_unproven=True)
+    grown = _continued(task, _Path(beside, (*path.steps, step)))
     return [one for one in grown if len(one.steps) > len(path.steps) + 1]
 
 

@@ -392,12 +392,13 @@ class Diagnosis(Framed):
 @dataclass(frozen=True)
 class Step:
     """One round of `improve`: the effect that was added (None: the model as it was), the fit after it, and
-    the diagnosis that proposed it."""
+    the diagnosis that proposed it. `is_unproven` tells that it shows only together with what follows."""
 
     proof: Proof | None
     fit: FitResult
     diagnosis: Diagnosis | None
     remark: str
+    is_unproven: bool = False
 
 
 @dataclass(frozen=True)
