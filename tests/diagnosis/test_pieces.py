@@ -3,13 +3,16 @@
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from daest.diagnosis import course as course_module
 from daest.diagnosis import free_starts
 from daest.diagnosis.beside_starts import Started
 from daest.diagnosis.candidates import keeping_order, pairs
+from daest.diagnosis.course import Course
 from daest.diagnosis.in_use import proof_in_pieces, simulated_in_pieces
 from daest.diagnosis.open_loop import Simulated, in_use, open_screen
 from daest.diagnosis.options import DiagnoseOptions
@@ -23,6 +26,7 @@ from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 from daest.modelica.effects import find_effect
 from daest.modelica.sites import sites
+from daest.numerics.deadline import OutOfTimeError
 from daest.systems.integrate import integrator
 
 CART = b"""model Cart
@@ -187,3 +191,20 @@ def test_law_that_comes_near_is_told_and_not_claimed():
     assert f"{proof.candidate.label} comes nearest" in said and "removes 20 % of their error" in said
     for verdict in ("supported", "not separable"):
         assert not nearest_in_pieces([proof, replace(proof, verdict=verdict)])
+
+
+def test_pieces_for_which_the_time_does_not_suffice_change_nothing(monkeypatch):
+    def late(*_):
+        raise OutOfTimeError
+
+    monkeypatch.setattr(course_module, "in_pieces", late)
+    course = SimpleNamespace(
+        stand=SimpleNamespace(reference=SimpleNamespace(adds_up=True)),
+        loads=SimpleNamespace(run=None),
+        options=DiagnoseOptions(),
+        progress=lambda _: None,
+        _is_open=lambda _: True,
+    )
+    assert Course.in_pieces(course, []) == ((), False)
+    course.stand.reference.adds_up = False
+    assert Course.in_pieces(course, []) == ((), True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import inf
 
@@ -54,6 +55,7 @@ from daest.diagnosis.stand import Stand
 from daest.diagnosis.trials import Prepared, Trial, clipping_trials, trials
 from daest.model.diagnosis import Candidate, Proof, Screen, Unproved
 from daest.model.effects import Effect
+from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers
 
 MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve over some variable
@@ -108,14 +110,16 @@ class Course:
         if reference is None or not reference.adds_up or not self._is_open(proofs):
             return tuple(proofs), True
         self.progress("simulating pieces of the records")
-        pieces = in_pieces(self.stand, self.loads.run)
-        if pieces is None or pieces.reference is None:
-            return tuple(proofs), True
-        used = open_screen(pieces.null, pieces.reference.fit, self.candidates, self.options.seed)
-        leaders = [] if used is None else _leaders_in_use(used, MOST_IN_PIECES)
-        stages = self._stages()
-        found = stages.shown_in_pieces(pieces, leaders, proofs)
-        return ranked(found), not stages.late
+        with suppress(OutOfTimeError), until(self.options.until):
+            pieces = in_pieces(self.stand, self.loads.run)
+            if pieces is None or pieces.reference is None:
+                return tuple(proofs), True
+            used = open_screen(pieces.null, pieces.reference.fit, self.candidates, self.options.seed)
+            leaders = [] if used is None else _leaders_in_use(used, MOST_IN_PIECES)
+            stages = self._stages()
+            found = stages.shown_in_pieces(pieces, leaders, proofs)
+            return ranked(found), not stages.late
+        return tuple(proofs), False
 
     def _stages(self) -> Stages:
         loads, found = self.loads, self.screens[0]
