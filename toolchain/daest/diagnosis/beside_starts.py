@@ -83,7 +83,7 @@ def _without_starts(one: Started, other: Started, size: np.ndarray) -> tuple[np.
     lengths = np.linalg.norm(slopes, axis=0)
     basis, values, _ = np.linalg.svd(slopes[:, lengths > 0.0] / lengths[lengths > 0.0], full_matrices=False)
     basis = basis[:, values > GATES.nuisance_rank * np.max(values, initial=0.0)]
-    if 2 * basis.shape[1] >= np.count_nonzero(known):
+    if basis.shape[1] >= GATES.max_started * np.count_nonzero(known):
         return None
 
     def left(errors: np.ndarray) -> np.ndarray:

@@ -126,12 +126,11 @@ def _examined(
     )
     if proofs and not options.is_over:
         evidence = replace(evidence, earlier=gain_of_earlier_inputs(null))
-    decided, learned = _decided(stand, run, evidence, loads, options, progress)
+    evidence, decided, learned = _decided(stand, run, evidence, loads, options, progress)
     if decided.name in OPEN and (learned is None or learned.against):
         proofs, is_in_time = course.in_pieces(proofs)
         is_whole = is_whole and is_in_time
-        rest = loads if learned is None else replace(loads, against_form=learned.against)
-        decided = verdicts.decide(replace(evidence, proofs=proofs, rest=rest))
+        decided = verdicts.decide(replace(evidence, proofs=proofs))
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
     if decided.name not in ("supported", "nothing missing"):
         message += _said_of_inputs(null, stand.told) + verdicts.nearest_in_pieces(decided.proofs)
@@ -163,21 +162,21 @@ def _decided(
     loads: verdicts.Loads,
     options: DiagnoseOptions,
     progress: Progress,
-) -> tuple[verdicts.Decided, LearnedLoad | None]:
-    """What the evidence says, and the load as a curve where that is an effect of no known law; the curve may
-    speak against that."""
+) -> tuple[verdicts.Evidence, verdicts.Decided, LearnedLoad | None]:
+    """The evidence, what it says, and the load as a curve where that is an effect of no known law; the curve
+    may speak against that, and the evidence then tells it."""
     decided, form = verdicts.decide(evidence), loads.form
     is_curve = decided.name == "unknown effect" and not decided.is_dynamic
     if not is_curve or form is None or form.p_value >= GATES.missing_level or options.is_over:
-        return decided, None
+        return evidence, decided, None
     progress(f"refitting with the load as a curve over {form.label}")
     learned, longest = None, max(CURVE_SECONDS, CURVE_TIMES * stand.baseline.seconds)
     with suppress(OutOfTimeError), until(time.monotonic() + longest):
         learned = _learned(stand, run, form)
     if learned is not None and learned.against:
-        rest = replace(loads, against_form=learned.against)
-        return verdicts.decide(replace(evidence, rest=rest)), learned
-    return decided, None if learned is None else with_formula(learned)
+        evidence = replace(evidence, rest=replace(loads, against_form=learned.against))
+        return evidence, verdicts.decide(evidence), learned
+    return evidence, decided, None if learned is None else with_formula(learned)
 
 
 class _Beside:

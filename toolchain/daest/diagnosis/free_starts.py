@@ -12,7 +12,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.screen import RTOL
 from daest.estimation.delay_starts import long_past_of
-from daest.estimation.records import n_observed
+from daest.estimation.records import longest_duration, n_observed
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.systems.initialize import initial_point
@@ -97,8 +97,8 @@ def steady_misfit(
     From one recording to the next a room is warmer, the zero of a sensor elsewhere, a bearing tighter: that
     much of the error belongs to no law, and hides what a law does.
     """
-    duration = max(float(e.time[-1] - e.time[0]) for e in experiments)
-    lasting = flat.with_theta({f"{load.name}.T": CONSTANT * duration for load in null.loads})
+    forever = CONSTANT * longest_duration(experiments)
+    lasting = flat.with_theta({f"{load.name}.T": forever for load in null.loads})
     still = replace(null, flat=lasting, explicit=replace(explicit, flat=lasting))
     model = integrator(still.explicit)
     root, free = np.diag(1.0 / null.measurement_std), ~_shaped(still, experiments)

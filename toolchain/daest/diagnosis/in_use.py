@@ -24,18 +24,25 @@ from daest.model.fit import FitResult
 FIRST_IN_USE = 5  # iterations of a simulation's fit, after which it may be far behind the leader
 
 
-def shown_in_use(search: Search, prepared: Prepared, beside: Proof, accepted: Proof | None = None) -> Proof:
+def shown_in_use(
+    search: Search,
+    prepared: Prepared,
+    beside: Proof,
+    accepted: Proof | None = None,
+    known: FitResult | None = None,
+) -> Proof:
     """The proof of a candidate by its simulation; that `beside` the loads where a simulation does not show
-    it. `accepted` is a law that does show there what the candidate may be.
+    it. `accepted` is a law that does show there what the candidate may be, `known` the best simulation of the
+    candidate at its own place, if it is.
 
     The screen tells places apart by what a law of hardly any size does there. A dead zone of finite width
     before a pump that cannot draw is not one behind the sensor: of the places that the screen sees alike,
     the one with the likeliest simulation is taken, and those that simulate as well are equivalent."""
-    stand = search.simulated
+    stand = search.stand_in_use
     if stand.reference is None or stand.reference.simulated is None:
         return beside
-    found: list[tuple[Prepared, FitResult]] = []
-    for make in [None, *at_other_places(search, prepared)]:
+    found: list[tuple[Prepared, FitResult]] = [] if known is None else [(prepared, known)]
+    for make in [*([] if found else [None]), *at_other_places(search, prepared)]:
         with suppress(*FAILURES):
             here = prepared if make is None else make()
             fit = _fitted_there(stand, stand.reference, here, found[:1])
@@ -56,10 +63,7 @@ def shown_in_use(search: Search, prepared: Prepared, beside: Proof, accepted: Pr
     if shown.verdict == "rejected":
         return beside
     shown = replace(shown, equivalent=tuple(other.trial.candidate.site.name for other, _ in others))
-    if search.pieces is None:
-        return shown
-    used = replace(shown.in_use, piece=_longest(stand))
-    return told_of_whole(search.stand, replace(shown, in_use=used))
+    return shown if search.pieces is None else told_of_whole(search.stand, shown)
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ class InPieces:
 def simulated_in_pieces(search: Search, prepared: Prepared) -> InPieces | None:
     """What the simulation of the search's pieces says of a candidate; None where there is none, or a few
     iterations gain nothing that would pay for its parameters."""
-    stand = search.simulated
+    stand = search.stand_in_use
     if stand.reference is None:
         return None
     with quiet():
@@ -109,7 +113,7 @@ def _in_pieces(stand: Stand, reference: Reference, prepared: Prepared, fit: FitR
     used = used_by(null, prepared, fit, fed(stand.validation, candidate), reference)
     is_known = not not_determined(candidate, fit, reference.fit)
     n_own = prepared.n_unknowns(null.estimated)
-    return InPieces(prepared, fit, replace(used, piece=_longest(stand)), n_own, is_known)
+    return InPieces(prepared, fit, used, n_own, is_known)
 
 
 def proof_in_pieces(search: Search, found: InPieces, beside: Proof | None) -> Proof | None:
@@ -119,15 +123,12 @@ def proof_in_pieces(search: Search, found: InPieces, beside: Proof | None) -> Pr
         beside = beside or _beside_loads(search, found.prepared)
         if beside is None:
             return None
-        shown = shown_in_use(search, found.prepared, beside) if found.is_clear else beside
+        shown = beside
+        if found.is_clear:
+            shown = shown_in_use(search, found.prepared, beside, known=found.fit)
         if shown.verdict != "rejected":
             return shown
         return told_of_whole(search.stand, replace(beside, final=found.fit, in_use=found.used))
-
-
-def _longest(stand: Stand) -> float:
-    """Duration [s] of the longest record."""
-    return max(float(e.time[-1] - e.time[0]) for e in stand.null.experiments)
 
 
 def _beside_loads(search: Search, prepared: Prepared) -> Proof | None:
@@ -170,7 +171,7 @@ def _as_begun(first: tuple[Prepared, FitResult], here: Prepared) -> dict[str, fl
 def is_hopeless_in_use(search: Search, prepared: Prepared) -> bool:
     """Whether a few iterations leave the simulation of a candidate far behind that of the leader, of what it
     is fitted to and of unseen data alike: the rest of its search would be in vain."""
-    stand, leader = search.simulated, search.leader
+    stand, leader = search.stand, search.leader
     if leader is None or leader.final is None or leader.adds_up or stand.reference is None:
         return False
     try:

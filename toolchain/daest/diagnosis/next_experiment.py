@@ -12,6 +12,7 @@ from daest.design.design import Task, at_period, design
 from daest.design.effects import Rival, leaving, rival_aim
 from daest.diagnosis.gates import GATES
 from daest.errors import DaestError
+from daest.estimation.records import longest_duration
 from daest.model.design import Design, Limits, Range
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
@@ -92,7 +93,7 @@ def _limits(asked: Asked, flat: Model) -> Limits:
     """What was recorded: the ranges and rates of the inputs, and the length of the longest recording."""
     experiments = asked.experiments
     period = min(e.median_step for e in experiments)
-    longest = max(float(e.time[-1] - e.time[0]) for e in experiments)
+    longest = longest_duration(experiments)
     inputs = []
     for variable in flat.inputs:
         values = [e.input(variable.name) for e in experiments]

@@ -18,7 +18,7 @@ from daest.diagnosis.beside_starts import Started, beside_starts, started
 from daest.diagnosis.candidates import courses, ranges
 from daest.diagnosis.free_starts import free_runs
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null, grown
+from daest.diagnosis.null import Null
 from daest.diagnosis.screen import RTOL, run_null, screen
 from daest.diagnosis.settled import FAILURES
 from daest.estimation.identify import identify
@@ -134,18 +134,10 @@ def fitted_in_use(
     return max(ends, key=lambda end: end.log_likelihood, default=None)
 
 
-def simulated_errors(
-    null: Null,
-    flat: FlatModel,
-    explicit: ExplicitModel,
-    fit: FitResult,
-    experiments: Sequence[Experiment],
-    validation: Sequence[Experiment],
-) -> Simulated | None:
-    """Errors of the model `flat` with the dynamics `explicit` at the parameters of `fit`, from the initial
-    states that fit best; None where it cannot be simulated."""
-    model = grown(null, flat, explicit, fit, experiments)
-    fitted, unseen = _errors(model, experiments), _errors(model, validation)
+def simulated_errors(model: Null, validation: Sequence[Experiment]) -> Simulated | None:
+    """Errors of a model on its experiments and on unseen ones, from the initial states that fit best; None
+    where it cannot be simulated."""
+    fitted, unseen = _errors(model, model.experiments), _errors(model, validation)
     return None if fitted is None or unseen is None else Simulated(fitted, unseen)
 
 
@@ -157,19 +149,12 @@ def _errors(model: Null, experiments: Sequence[Experiment]) -> tuple[np.ndarray,
 
 
 def errors_in_pieces(
-    null: Null,
-    flat: FlatModel,
-    explicit: ExplicitModel,
-    fit: FitResult,
-    experiments: Sequence[Experiment],
-    validation: Sequence[Experiment],
-    before: Simulated | None = None,
+    model: Null, validation: Sequence[Experiment], before: Simulated | None = None
 ) -> Simulated | None:
     """`simulated_errors` over pieces of records, with what their starts can do; `before` is the simulation
     that it will be compared with."""
-    model = grown(null, flat, explicit, fit, experiments)
     known = ((), ()) if before is None or before.starts is None else before.starts
-    fitted, unseen = started(model, experiments, known[0]), started(model, validation, known[1])
+    fitted, unseen = started(model, model.experiments, known[0]), started(model, validation, known[1])
     if fitted is None or unseen is None:
         return None
     seen, foreseen = (tuple(one.errors for one in part) for part in (fitted, unseen))

@@ -47,7 +47,8 @@ def in_pieces(stand: Stand, run: NullObserver) -> Stand | None:
         if fit.method != "oe":
             return None
         flat = null.flat.with_theta(fit.theta)
-        errors = errors_in_pieces(alone, flat, replace(null.explicit, flat=flat), fit, experiments, unseen)
+        model = grown(alone, flat, replace(null.explicit, flat=flat), fit, experiments)
+        errors = errors_in_pieces(model, unseen)
     if errors is None:
         return None
     known = replace(reference, fit=fit, foreseen=None, adds_up=False, simulated=errors, holding=())

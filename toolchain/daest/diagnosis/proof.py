@@ -56,7 +56,7 @@ from daest.diagnosis.unseen import (
 )
 from daest.errors import DaestError
 from daest.estimation.identify_nonlinear import Refit
-from daest.estimation.records import n_observed, part_of
+from daest.estimation.records import longest_duration, n_observed, part_of
 from daest.model.diagnosis import Ahead, Candidate, Confirmed, FreeForm, InUse, Load, Proof
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
@@ -696,12 +696,12 @@ def used_by(
     if final is None or final.method != "oe" or reference.simulated is None:
         return InUse()
     flat = prepared.flat.with_theta(final.theta)
-    explicit = replace(prepared.reduced(), flat=flat)
-    records = null.experiments, validation
-    if reference.simulated.starts is None:
-        return in_use(reference.simulated, simulated_errors(null, flat, explicit, final, *records))
-    found = errors_in_pieces(null, flat, explicit, final, *records, reference.simulated)
-    return in_use(reference.simulated, found)
+    model = grown(null, flat, replace(prepared.reduced(), flat=flat), final, null.experiments)
+    before = reference.simulated
+    if before.starts is None:
+        return in_use(before, simulated_errors(model, validation))
+    used = in_use(before, errors_in_pieces(model, validation, before))
+    return replace(used, piece=longest_duration(null.experiments))
 
 
 def _is_most_of_it(

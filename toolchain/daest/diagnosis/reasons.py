@@ -17,6 +17,7 @@ from daest.diagnosis.open_loop import driven_share, largest_values, values_along
 from daest.diagnosis.screen import NullObserver, law_response, run_null
 from daest.diagnosis.trials import Prepared
 from daest.errors import DaestError
+from daest.estimation.records import longest_duration
 from daest.estimation.signals import is_constant
 from daest.model.diagnosis import Candidate, FreeForm, Proof
 from daest.model.effects import EffectParameter
@@ -213,7 +214,7 @@ def too_slow(experiments: Sequence[Experiment], candidate: Candidate, told: FitR
     these hardly show the signal come back: most of it is then what was before they began, or an integral.
     Empty where it is not."""
     times = [told.theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes if p.unit == "s"]
-    most = GATES.longest_load * max(float(e.time[-1] - e.time[0]) for e in experiments)
+    most = GATES.longest_load * longest_duration(experiments)
     if not candidate.is_dynamic or max(times, default=0.0) <= most:
         return ""
     longest = max(times)

@@ -32,7 +32,7 @@ class Search:
     pieces: Stand | None = None
 
     @property
-    def simulated(self) -> Stand:
+    def stand_in_use(self) -> Stand:
         """The stand over whose records laws are simulated."""
         return self.stand if self.pieces is None else self.pieces
 

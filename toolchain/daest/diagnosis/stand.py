@@ -16,7 +16,7 @@ from scipy.linalg import LinAlgWarning
 from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import Null, as_recorded, fit_null, known_values, moved_apart, refit
+from daest.diagnosis.null import Null, as_recorded, fit_null, grown, known_values, moved_apart, refit
 from daest.diagnosis.open_loop import simulated_errors
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import Reference, bic_gain
@@ -328,7 +328,7 @@ def reference_of(null: Null, fit: FitResult, validation: Sequence[Experiment]) -
         if not reckons and told.method == "oe":
             flat = null.flat.with_theta(told.theta)
             explicit = replace(null.explicit, flat=flat)
-            errors = simulated_errors(null, flat, explicit, told, null.experiments, validation)
+            errors = simulated_errors(grown(null, flat, explicit, told, null.experiments), validation)
         holding = steady_outputs(observer) if reckons else ()
         return Reference(told, foreseen(observer, validation), reckons, simulated=errors, holding=holding)
 

@@ -21,6 +21,7 @@ from daest.diagnosis.null import with_noise
 from daest.diagnosis.screen import ATOL_OF_SCALE, RTOL, NullObserver, run_null
 from daest.errors import DaestError
 from daest.estimation.observer import observer
+from daest.estimation.records import longest_duration
 from daest.model.diagnosis import Ahead, Confirmed
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
@@ -320,8 +321,7 @@ def _keep_errors(run: NullObserver, rows: Sequence[int]) -> bool:
 
 def slowest_decay(experiments: Sequence[Experiment]) -> float:
     """The real part [1/s] above which a mode keeps errors for longer than the records are."""
-    duration = max(float(e.time[-1] - e.time[0]) for e in experiments)
-    return -1.0 / (GATES.steady_duration * duration)
+    return -1.0 / (GATES.steady_duration * longest_duration(experiments))
 
 
 def seen_modes(run: NullObserver, rows: Sequence[int]) -> np.ndarray:

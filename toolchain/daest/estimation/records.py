@@ -25,6 +25,11 @@ def n_observed(experiments: Iterable[Experiment]) -> int:
     return sum(int(np.isfinite(e.outputs).sum()) for e in experiments)
 
 
+def longest_duration(experiments: Iterable[Experiment]) -> float:
+    """Duration [s] of the longest recording."""
+    return max(float(e.time[-1] - e.time[0]) for e in experiments)
+
+
 @dataclass(frozen=True)
 class Record:
     """One experiment on the grid that it is predicted on.

@@ -34,8 +34,6 @@ from daest.quantities import Conversion
 
 __all__ = ["attach", "attach_all", "component_name"]
 
-ZERO_CELSIUS = 273.15
-
 
 def attach(
     flat: FlatModel,

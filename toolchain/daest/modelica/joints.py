@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
-from daest.modelica.attach import ZERO_CELSIUS
+from daest.modelica.balances import converted_text, in_connectors
 from daest.modelica.components import Classes
 from daest.modelica.connectors import NAMES, Connector
 from daest.modelica.outline import class_heads
@@ -48,14 +48,14 @@ def joint(source: bytes, class_name: str, flat: FlatModel, connector: Connector,
         return None
     potential, flow = _variables(flat, connector)
     wanted, wanted_flow = NAMES[connector.domain]
-    is_celsius = flat.unknowns[connector.potential].unit == "degC"
+    own = converted_text(f"own.{potential}", in_connectors(flat.unknowns[connector.potential].unit))
     kind = name[:1].upper() + name[1:]
     lines = (
         f'model {kind} "Joins connectors whose variables have other names"',
         f"  {scope} own;",
         f"  {_PORTS[connector.domain]} port;",
         "equation",
-        f"  port.{wanted} = own.{potential}{f' + {ZERO_CELSIUS}' if is_celsius else ''};",
+        f"  port.{wanted} = {own};",
         f"  own.{flow} + port.{wanted_flow} = 0;",
         f"end {kind};",
         f"{kind} {name};",
