@@ -106,5 +106,5 @@ def _limits(asked: Asked, flat: Model) -> Limits:
 
 
 def _said(found: Design) -> str:
-    alike = "".join(f" {note}." for note in found.notes)
+    alike = "".join(f" {note[:1].upper()}{note[1:]}." for note in found.notes)
     return f"{found.message}{alike} {COMMAND}"
