@@ -52,7 +52,7 @@ from daest.diagnosis.trials import (
 )
 from daest.model.diagnosis import Ahead, Candidate, FreeForm, InUse, Screen, Screened
 from daest.model.experiment import Experiment
-from daest.model.fit import error_ratios
+from daest.model.fit import Choice, error_ratios
 from daest.modelica.attach import attach
 from daest.modelica.effects import find_effect
 from daest.modelica.sites import sites
@@ -487,6 +487,13 @@ def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
     assert ranked([replace(proof, adds_up=False), standing])[0].verdict == "rejected"
     torn = replace(strong, fit=good, final=good, adds_up=False, is_open=False, ahead=lost)
     assert ranked([replace(proof, adds_up=False), torn])[0].verdict == "rejected"
+    # So does what only simulates them as well, if it foresees them better in the long run.
+    lasting = (Ahead(1, 0.01, 1.06, -2.8), Ahead(30, 0.3, 0.65, 2.1))
+    as_good = replace(strong, adds_up=False, is_open=False, ahead=lasting)
+    assert ranked([replace(proof, adds_up=False), as_good])[0].verdict == "rejected"
+    passing = replace(as_good, ahead=(Ahead(1, 0.01, 1.06, -2.8), Ahead(30, 0.3, 1.02, -0.1)))
+    assert ranked([replace(proof, adds_up=False), passing])[0].verdict == "supported"
+    assert ranked([replace(proof, adds_up=False), replace(shaky, ahead=lasting)])[0].verdict == "supported"
 
 
 def test_richer_law_that_rests_at_a_bound_is_the_simple_one():
@@ -864,6 +871,45 @@ def test_torque_is_known_by_its_ratio_where_no_sensor_tells_the_scale_of_all_tor
     assert known_products(candidate, told(0.0)) == ()
     said = told_values(replace(proof, fit=told(0.99), final=None))
     assert said.startswith("tau_c = 0.15 ± 0.06 N.m, tau_c/J = ")
+
+
+def test_product_is_known_where_size_and_gain_lie_far_apart_in_two_fits():
+    """A bend without a slope: a and the gain k run along a valley, a = -0.1 or 1.8, a*k = 0.0012 in both."""
+    _, proof = proved()
+    candidate = proof.candidate
+    bend = replace(candidate.effect.sizes[0], signal_unit="1/u")
+    bent = replace(candidate, effect=replace(candidate.effect, parameters=(bend,)))
+    one = next(p for p in proof.fit.parameters if p.name == "J")
+    own, k = f"{candidate.name}.{bend.name}", "J"
+    beside = {own: 1.8, k: 0.00125 / 1.8}
+
+    def told(share, product=0.00125):
+        choice = Choice({**beside, k: product / 1.8}, share)
+        raw = replace(one, name=own, value=-0.1, std_error=0.15), replace(one, value=-0.012, std_error=0.018)
+        widened = (replace(p, std_error=float(np.hypot(p.std_error, choice.of(p))), min=None) for p in raw)
+        turned = np.array([[1.0, -0.9999], [-0.9999, 1.0]])
+        return replace(
+            proof.fit,
+            parameters=tuple(widened),
+            correlation_names=(own, k),
+            correlation=turned,
+            choice=choice,
+        )
+
+    (alone,) = known_products(bent, told(0.0))
+    assert alone.value == pytest.approx(0.0012)
+    assert alone.std_error == pytest.approx(0.0012 * 1.5 * np.sqrt(2e-4))
+    (known,) = known_products(bent, told(0.3))
+    assert known.std_error == pytest.approx(np.hypot(alone.std_error, 0.3 * 5e-5), rel=1e-6)
+    assert known_products(bent, told(0.3, product=0.004)) == ()
+    assert not_determined(bent, told(0.3), proof.fit) == ""
+    assert not_determined(bent, told(0.3, product=0.004), proof.fit) != ""
+    # A ratio to a scale that the other fit has at nothing says nothing.
+    ratio = replace(candidate, effect=replace(candidate.effect, parameters=(replace(bend, signal_unit=""),)))
+    lost = replace(told(0.3), choice=Choice({own: 1.8, k: 0.0}, 0.3))
+    (size, scale) = lost.parameters
+    scale = replace(scale, value=0.012, min=0.0)
+    assert known_products(ratio, replace(lost, parameters=(size, scale))) == ()
 
 
 def test_a_place_or_a_phase_is_not_known_by_being_off_zero():

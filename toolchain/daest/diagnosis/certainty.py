@@ -110,11 +110,35 @@ def _beside_scales(
         cannot_vanish = p.min is not None and p.min >= 0.0 < p.value
         if not cannot_vanish and not (is_bend(declared) and p.value):
             continue
-        both = np.ix_([known[own.name], known[p.name]], [known[own.name], known[p.name]])
-        relative = np.array([1.0 / own.value, (1.0 if is_bend(declared) else -1.0) / p.value])
-        variance = float(relative @ cov[both] @ relative)
+        power = 1 if is_bend(declared) else -1
+        both = [known[own.name], known[p.name]]
+        relative = np.array([1.0 / own.value, power / p.value])
+        relative = relative * _without_choice(told, own, p)
+        variance = float(relative @ cov[np.ix_(both, both)] @ relative)
+        variance += _of_choice(told, own, p, power) ** 2
         if variance > 0.0:
             yield p, float(np.sqrt(variance))
+
+
+def _without_choice(told: FitResult, *parameters: FittedParameter) -> np.ndarray:
+    """Which share (k,) of the standard errors of `parameters` is left without what they include for the
+    choice beside another estimate: between two ends of a valley either parameter is far from where it was,
+    and their product where it was."""
+    of_choice = np.array([0.0 if told.choice is None else told.choice.of(p) for p in parameters])
+    whole = np.array([p.std_error for p in parameters], dtype=float)
+    return np.sqrt(np.clip(1.0 - (of_choice / np.where(whole > 0.0, whole, np.inf)) ** 2, 0.0, None))
+
+
+def _of_choice(told: FitResult, own: FittedParameter, scale: FittedParameter, power: int) -> float:
+    """What the choice beside another estimate adds to the relative standard error of a product (power 1) or
+    a ratio (-1)."""
+    if told.choice is None:
+        return 0.0
+    there = told.choice.beside[scale.name]
+    if power < 0 and not there:
+        return np.inf
+    other = told.choice.beside[own.name] * there**power
+    return told.choice.share * abs(1.0 - other / (own.value * scale.value**power))
 
 
 def _is_blurred(parameter: FittedParameter, before: FitResult) -> bool:

@@ -271,7 +271,7 @@ def best_accepted(proofs: Sequence[Proof]) -> Proof | None:
 def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
     """A refused candidate beside which the best accepted one explains little; not one that foresees unseen
     data clearly worse: it owes its likelihood to what does not last. One that unseen data speak against where
-    their predictions are compared, and for where their simulation is, contradicts itself: until it is known
+    their predictions are compared, and not where their simulation is, contradicts itself: until it is known
     why, none is the explanation."""
     refused = [p for p in order if p.verdict == "rejected" and (_is_in_the_way(p, best) or _is_torn(p, best))]
     strongest = max(refused, key=lambda p: p.delta_log_likelihood, default=None)
@@ -315,9 +315,20 @@ def _is_likelier_part(refused: Proof, best: Proof) -> bool:
 
 
 def _is_torn(refused: Proof, best: Proof) -> bool:
-    """Whether predictions of unseen data speak against a law, and their simulation for it."""
-    is_refuted = any(is_worse(one) for one in refused.ahead)
-    return is_refuted and _unseen_ratio(best, refused) < GATES.max_rival_error
+    """Whether predictions of unseen data speak against a law, and their simulation, or those over the longest
+    horizon, do not: that is better than the best law's, or as good."""
+    if not any(is_worse(one) for one in refused.ahead):
+        return False
+    return _unseen_ratio(best, refused) < GATES.max_rival_error or _lasts(best, refused)
+
+
+def _lasts(best: Proof, refused: Proof) -> bool:
+    """Whether a refused law simulates no output of unseen data clearly worse than the best one, and foresees
+    them over the longest horizon better than the model without it."""
+    if refused.adds_up or max(refused.ahead, key=lambda one: one.samples).ratio >= 1.0:
+        return False
+    ratios = error_ratios(best.told.simulated, refused.told.simulated)
+    return bool(ratios) and max(ratios) <= 1.0 + GATES.clear_unseen_error
 
 
 def _is_rival(one: Proof, best: Proof) -> bool:

@@ -24,7 +24,7 @@ from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.identify import identify
 from daest.estimation.identify_nonlinear import Refit, WarmStart, search_on
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, FittedParameter, IdentifyOptions, error_ratios
+from daest.model.fit import Choice, FitResult, FittedParameter, IdentifyOptions, error_ratios
 from daest.model.flat import ExplicitModel, FlatModel
 
 FAILURES = (DaestError, RuntimeError, np.linalg.LinAlgError)  # of a search, also those of CasADi's solvers
@@ -76,7 +76,8 @@ def settled(
                 found = other
     run = run_null(grown(null, started, explicit, found.fit, experiments))
     told = found.simulated(validation, ROUGH_START) if is_rough else found.simulated(validation)
-    return replace(told, parameters=_uncertain(found.fit, fit, run)), run
+    choice = Choice(fit.theta, GATES.error_of_choice)
+    return replace(told, parameters=_uncertain(found.fit, choice, run), choice=choice), run
 
 
 def _found(
@@ -163,12 +164,9 @@ def simulated(
     share = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.inf
     if not share < 1.0:
         return white
-    others = {p.name: p for p in white.parameters}
-    chosen = tuple(
-        replace(p, std_error=_with_choice(p.std_error, share * (p.value - others[p.name].value)))
-        for p in found.parameters
-    )
-    return replace(found, parameters=chosen)
+    choice = Choice({p.name: p.value for p in white.parameters}, GATES.error_of_choice * share)
+    chosen = tuple(_with_choice(p, choice) for p in found.parameters)
+    return replace(found, parameters=chosen, choice=choice)
 
 
 def _given(null: Null) -> dict[str, float]:
@@ -208,8 +206,10 @@ def _lost(null: Null, white: FitResult) -> dict[str, float]:
     return starts if any(_is_far(ratio) for ratio in apart) else {}
 
 
-def _with_choice(std_error: float | None, apart: float) -> float | None:
-    return None if std_error is None else float(np.hypot(std_error, GATES.error_of_choice * apart))
+def _with_choice(parameter: FittedParameter, choice: Choice) -> FittedParameter:
+    if parameter.std_error is None:
+        return parameter
+    return replace(parameter, std_error=float(np.hypot(parameter.std_error, choice.of(parameter))))
 
 
 def _fit(
@@ -252,9 +252,9 @@ def _fit(
     )
 
 
-def _uncertain(found: FitResult, beside: FitResult, run: NullObserver) -> tuple[FittedParameter, ...]:
+def _uncertain(found: FitResult, choice: Choice, run: NullObserver) -> tuple[FittedParameter, ...]:
     """The parameters with standard errors that hold for innovations that are not white (sandwich, over
-    batches of the record), and that include the choice between this estimate and the one `beside` the
+    batches of the record), and that include the choice between this estimate and the one beside the
     coloured load."""
     cov = _sandwich(run, found.parameters)
     result = []
@@ -263,8 +263,7 @@ def _uncertain(found: FitResult, beside: FitResult, run: NullObserver) -> tuple[
             result.append(parameter)
             continue
         own = max(parameter.std_error**2, float(cov[i, i]) if np.isfinite(cov[i, i]) else 0.0)
-        apart = parameter.value - beside.theta[parameter.name]
-        result.append(replace(parameter, std_error=_with_choice(float(np.sqrt(own)), apart)))
+        result.append(_with_choice(replace(parameter, std_error=float(np.sqrt(own))), choice))
     return tuple(result)
 
 

@@ -89,6 +89,19 @@ class FittedParameter:
 
 
 @dataclass(frozen=True)
+class Choice:
+    """That an estimate was chosen beside another one: the parameters of that by name, and which share of the
+    distance to it the standard errors include."""
+
+    beside: Mapping[str, float]
+    share: float
+
+    def of(self, parameter: FittedParameter) -> float:
+        """What the standard error of a parameter includes for the choice, in its unit."""
+        return self.share * abs(parameter.value - self.beside[parameter.name])
+
+
+@dataclass(frozen=True)
 class FittedNoise:
     """Process noise: `value` is the intensity ([unit]² s). Measurement noise: the standard deviation
     ([unit]). `std_error` is None for a noise that was given, or that the data do not determine.
@@ -188,7 +201,8 @@ class FitResult(Framed):
     `theta` holds every parameter of the model by name, estimated or not. `simulated` and `one_step` hold
     "estimation" and, when there are validation data, "validation". `status` "converged" is the only one that
     means that the estimate is a (local) optimum; `message` says what happened and what to try.
-    `unseen_states` tells the directions of the state space that no output sees, in words.
+    `unseen_states` tells the directions of the state space that no output sees, in words. `choice` is that
+    beside another estimate, where the standard errors include one.
     """
 
     status: Status
@@ -216,6 +230,7 @@ class FitResult(Framed):
     unseen_states: tuple[str, ...] = ()
     profiles: tuple[Profile, ...] = ()
     bootstrap: Bootstrap | None = None
+    choice: Choice | None = None
 
     @property
     def is_converged(self) -> bool:
