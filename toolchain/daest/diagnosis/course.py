@@ -55,6 +55,7 @@ from daest.diagnosis.stand import Stand
 from daest.diagnosis.trials import Prepared, Trial, clipping_trials, trials
 from daest.model.diagnosis import Candidate, Proof, Screen, Unproved
 from daest.model.effects import Effect
+from daest.model.fit import FitResult, error_ratios
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers
 
@@ -97,6 +98,7 @@ class Course:
         proofs = self._with_other_forms(stages, proofs)
         proofs = self._with_storage(stages, proofs)
         proofs = stages.shown_in_use(proofs)
+        proofs = self._with_leaders_in_use(stages, proofs)
         proofs = stages.steadied(proofs)
         order = ranked(proofs)
         is_whole = not stages.late and None not in fits
@@ -226,6 +228,22 @@ class Course:
             proofs += stages.proved(stages.bent(found, self.candidates, proofs), proofs)[0]
         return proofs
 
+    def _with_leaders_in_use(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
+        """All laws, with those of the other leaders of the screen in open loop that a simulation shows, where
+        what is accepted leaves much of its error: a load that takes any course leaves no dead zone of a pump
+        anything to do, nor dry friction."""
+        reference, used = self.stand.reference, self.screens[1]
+        if used is None or reference is None or reference.simulated is None or self.options.is_over:
+            return proofs
+        best = best_accepted(ranked(proofs))
+        if best is None and not self._is_open(proofs):
+            return proofs
+        if best is not None and _takes_most(best, reference.fit):
+            return proofs
+        leaders = trials(used, GATES.in_use_level, len(used.entries))
+        untried = _untried(leaders, [p.candidate for p in proofs])
+        return stages.shown_in_pieces(self.stand, untried[:MOST_IN_PIECES], proofs)
+
     def _is_open(self, proofs: Sequence[Proof]) -> bool:
         """Whether no law is accepted, something is left to explain, and there is time for it."""
         stand = self.stand
@@ -234,6 +252,12 @@ class Course:
         )
         is_explained = self.loads.is_explained(evidence)
         return best_accepted(ranked(proofs)) is None and not is_explained and not self.options.is_over
+
+
+def _takes_most(best: Proof, before: FitResult) -> bool:
+    """Whether a law takes most of the error of the simulation of unseen data that there was `before`."""
+    ratios = error_ratios(before.simulated, best.told.simulated)
+    return best.verdict == "supported" and bool(ratios) and max(ratios) <= GATES.max_simulated_ratio
 
 
 def _untried(trials: Sequence[Trial], tried: Sequence[Candidate]) -> list[Trial]:

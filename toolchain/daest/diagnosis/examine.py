@@ -85,7 +85,8 @@ def _examined(
         found = screen(null, run, known, options.seed, pool if is_only else None)
         if reference is None or is_only:
             return stand, known, run, found, None
-        return stand, known, run, found, open_screen(null, reference.fit, known, options.seed)
+        opened = reference.opened or reference.fit
+        return stand, known, run, found, open_screen(null, opened, known, options.seed)
 
     # All together: what comes from an earlier run shares its symbols.
     names, began = [candidate.label for candidate in candidates], stand.began

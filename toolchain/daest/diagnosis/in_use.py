@@ -196,7 +196,7 @@ def _fitted_in_use(
         prepared.flat,
         prepared.names,
         [f"{candidate.name}.{p.name}" for p in candidate.effect.sizes],
-        reference.fit,
+        reference.opened or reference.fit,
         fed(stand.null.experiments, candidate),
         fed(stand.validation, candidate),
         begun,

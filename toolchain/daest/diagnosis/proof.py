@@ -77,7 +77,8 @@ CALM = 1e-6  # of the null's intensities of the loads, from which a search start
 class Reference:
     """The model as it is, without coloured loads: what a law must foresee unseen data better than.
     `adds_up` tells that its simulation is dead reckoning, except of the outputs `holding`, else `simulated`
-    are the errors of that; `innovations` are those of the unseen data beside its loads."""
+    are the errors of that and `opened` is the fit by simulation, where there is one, from which laws are
+    looked for in open loop; `innovations` are those of the unseen data beside its loads."""
 
     fit: FitResult
     foreseen: Foreseen | None = None
@@ -85,6 +86,7 @@ class Reference:
     innovations: Innovations | None = None
     simulated: Simulated | None = None
     holding: tuple[str, ...] = ()
+    opened: FitResult | None = None
 
 
 @dataclass(frozen=True)

@@ -128,10 +128,20 @@ def simulated(
     validation: Sequence[Experiment],
     beside: Refit | None = None,
 ) -> FitResult:
-    """The better of `white` (of `settled`) and of the fit by simulation that starts there, or at the refit
-    `beside` coloured loads where that simulates better, judged by the simulation of the validation data. Its
-    uncertainty includes the choice, as far as that is one: the distance to an estimate that simulates much
-    worse counts little."""
+    """The better of `white` (of `settled`) and of the fit `by_simulation` that starts there."""
+    return better_of(white, by_simulation(null, white, flat, experiments, validation, beside))
+
+
+def by_simulation(
+    null: Null,
+    white: FitResult,
+    flat: FlatModel,
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment],
+    beside: Refit | None = None,
+) -> FitResult | None:
+    """The fit by simulation that starts at `white` (of `settled`), or at the refit `beside` coloured loads
+    where that simulates better; None where it fails."""
     names = tuple(p.name for p in white.parameters)
     known = set(flat.parameter_names)
     lost = _lost(null, white)
@@ -157,9 +167,15 @@ def simulated(
             ends.append(identify(flat, experiments, chosen_start, validation))
         except FAILURES:
             continue
-    if not ends:
+    return max(ends, key=lambda end: end.log_likelihood, default=None)
+
+
+def better_of(white: FitResult, found: FitResult | None) -> FitResult:
+    """The better of two fits, judged by the simulation of the validation data. The uncertainty of the one
+    that was `found` by simulation includes the choice, as far as that is one: the distance to an estimate
+    that simulates much worse counts little."""
+    if found is None:
         return white
-    found = max(ends, key=lambda end: end.log_likelihood)
     ratios = error_ratios(white.simulated, found.simulated)
     share = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.inf
     if not share < 1.0:

@@ -17,10 +17,10 @@ from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import Null, as_recorded, fit_null, grown, known_values, moved_apart, refit
-from daest.diagnosis.open_loop import simulated_errors
+from daest.diagnosis.open_loop import Simulated, simulated_errors
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import Reference, bic_gain
-from daest.diagnosis.settled import FAILURES, settled, simulated
+from daest.diagnosis.settled import FAILURES, better_of, by_simulation, settled
 from daest.diagnosis.unseen import adds_up, foreseen, steady_outputs
 from daest.errors import EstimationError
 from daest.estimation.identify import identify, tied_parameters
@@ -323,14 +323,32 @@ def reference_of(null: Null, fit: FitResult, validation: Sequence[Experiment]) -
         white, observer = found
         # A simulation whose errors add up tells little of what the model lacks.
         reckons = adds_up(observer)
-        told = white if reckons else simulated(null, white, null.flat, null.experiments, validation)
-        errors = None
-        if not reckons and told.method == "oe":
-            flat = null.flat.with_theta(told.theta)
-            explicit = replace(null.explicit, flat=flat)
-            errors = simulated_errors(grown(null, flat, explicit, told, null.experiments), validation)
-        holding = steady_outputs(observer) if reckons else ()
-        return Reference(told, foreseen(observer, validation), reckons, simulated=errors, holding=holding)
+        if reckons:
+            return Reference(
+                white, foreseen(observer, validation), adds_up=True, holding=steady_outputs(observer)
+            )
+        opened = by_simulation(null, white, null.flat, null.experiments, validation)
+        told = better_of(white, opened)
+        errors = None if opened is None else _errors_of(null, opened, told, validation)
+        return Reference(told, foreseen(observer, validation), simulated=errors, opened=opened)
+
+
+def _errors_of(
+    null: Null, opened: FitResult, told: FitResult, validation: Sequence[Experiment]
+) -> Simulated | None:
+    """Errors of the fit by simulation, those of unseen data of the fit that is `told`, which simulates them
+    best; None where there are none."""
+    errors = _simulated_with(null, opened, validation)
+    if errors is None or told.method == "oe":
+        return errors
+    others = _simulated_with(null, told, validation)
+    return errors if others is None else replace(errors, unseen=others.unseen)
+
+
+def _simulated_with(null: Null, fit: FitResult, validation: Sequence[Experiment]) -> Simulated | None:
+    flat = null.flat.with_theta(fit.theta)
+    explicit = replace(null.explicit, flat=flat)
+    return simulated_errors(grown(null, flat, explicit, fit, null.experiments), validation)
 
 
 @contextmanager
