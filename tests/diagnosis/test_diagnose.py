@@ -359,7 +359,7 @@ def test_columns_that_repeat_what_is_measured_are_no_causes():
         "still": np.full(record.n_samples, 2.0),
     }
     experiments = [replace(record, extra=columns)]
-    assert [name for name in columns if _is_new_signal(name, experiments)] == ["wind"]
+    assert [name for name in columns if _is_new_signal(name, experiments, ())] == ["wind"]
 
 
 def form_over(variable, sign_of="", statistic=400.0, p_value=1e-50):

@@ -13,7 +13,7 @@ from daest.diagnosis import free_starts
 from daest.diagnosis.beside_starts import Started
 from daest.diagnosis.candidates import keeping_order, pairs
 from daest.diagnosis.course import Course
-from daest.diagnosis.in_use import proof_in_pieces, simulated_in_pieces
+from daest.diagnosis.in_use import proof_in_open_loop, tried_in_open_loop
 from daest.diagnosis.open_loop import Simulated, in_use, open_screen
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.pieces import FEWEST_PIECES, in_pieces
@@ -80,7 +80,7 @@ def shown(effect, friction, shaken):
     used = open_screen(pieces.null, pieces.reference.fit, candidates, 0)
     trial = trials(used, 1.0, 1)[0]
     search = Search(stand, run, None, None, len(candidates), pieces=pieces)
-    return search, simulated_in_pieces(search, prepare(stand.null.flat, stand.null.estimated, trial))
+    return search, tried_in_open_loop(search, prepare(stand.null.flat, stand.null.estimated, trial))
 
 
 def test_pieces_do_not_drift():
@@ -101,7 +101,7 @@ def test_pieces_do_not_drift():
 def test_dry_friction_is_shown_by_pieces():
     search, found = shown("Translational.CoulombFriction", 1.5, 0.02)
     assert found.is_clear
-    proof = proof_in_pieces(search, found, None)
+    proof = proof_in_open_loop(search, found, None)
     assert proof.verdict == "supported"
     assert proof.is_by_use
     size = proof.final.theta[f"{proof.candidate.name}.f_c"]
@@ -184,8 +184,8 @@ def test_law_that_comes_near_is_told_and_not_claimed():
     vague = replace(found, used=replace(found.used, unseen=2.0 * np.log(1.25), certainty=1.0))
     assert vague.is_near and not vague.is_clear
     assert not replace(vague, is_known=False).is_near
-    refused = replace(proof_in_pieces(search, found, None), verdict="rejected")
-    proof = proof_in_pieces(search, vague, refused)
+    refused = replace(proof_in_open_loop(search, found, None), verdict="rejected")
+    proof = proof_in_open_loop(search, vague, refused)
     assert proof.verdict == "rejected"
     said = nearest_in_pieces([proof])
     assert f"{proof.candidate.label} comes nearest" in said and "removes 20 % of their error" in said

@@ -10,10 +10,13 @@ import pytest
 from daest.diagnosis import course as course_module
 from daest.diagnosis import stages as stages_module
 from daest.diagnosis import trials as trials_module
-from daest.diagnosis.course import _by_states
+from daest.diagnosis.course import Course, _by_states
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.stages import DynamicTasks, Stages, _has_fallen_short
 from daest.diagnosis.trials import Prepared, Trial
+from daest.model.diagnosis import InUse
+from daest.model.fit import Agreement
 
 
 def prepared(n_states: int = 0, simulated: float = -np.inf, site: str = "u", is_dynamic: bool = False) -> Any:
@@ -138,9 +141,57 @@ def test_law_with_states_in_pieces_is_compared_with_short_lags(
         candidate=lag.prepared.trial.candidate, is_any_dynamics=True, comes_near=False, lag=lag
     )
     monkeypatch.setattr(stages_module, "_as_refitted", lambda _null, p: p.lag)
-    monkeypatch.setattr(stages_module, "simulated_in_pieces", lambda _search, prepared: prepared)
+    monkeypatch.setattr(stages_module, "tried_in_open_loop", lambda _search, prepared: prepared)
     made = stages((0.0, {}))
     run = cast(Any, lambda _stage, _before, tasks: ([], [task() for task in tasks]))
     monkeypatch.setattr(Stages, "proved", lambda _self, *given: run(*given))
     left = made._without_imitations(cast(Any, None), [law, other], cast(Any, [proof]))
     assert left == ([law, other] if is_left else [other])
+
+
+def law(label: str, ratio: float = 0.5, judged: float = 0.0, verdict: str = "rejected") -> Any:
+    told = SimpleNamespace(simulated={"validation": Agreement({}, {"y": 2.0 * ratio})})
+    candidate = SimpleNamespace(label=label, name=label)
+    used = InUse(n_independent=judged)
+    return SimpleNamespace(candidate=candidate, told=told, verdict=verdict, in_use=used)
+
+
+@pytest.mark.parametrize(
+    ("proofs", "wanted"),
+    [
+        # Refused beside loads and never simulated, and never refitted: both lead the screen in open loop.
+        ([law("friction")], ["friction", "dead zone"]),
+        # What a simulation was asked for is not asked again.
+        ([law("friction", judged=80.0)], ["dead zone"]),
+        # What is accepted and takes most of the error of unseen data ends it; with less it does not, and
+        # neither do laws that are not told apart.
+        ([law("outlet", 0.6, verdict="supported")], None),
+        ([law("outlet", 0.8, verdict="supported"), law("friction")], ["friction", "dead zone"]),
+        ([law("outlet", 0.6, verdict="not separable"), law("dead zone", 0.6, 9.0)], ["friction"]),
+    ],
+)
+def test_leaders_in_open_loop_are_simulated_where_much_is_left(
+    monkeypatch: Any, proofs: Any, wanted: Any
+) -> None:
+    leaders = [SimpleNamespace(candidate=SimpleNamespace(label=name)) for name in ("friction", "dead zone")]
+    monkeypatch.setattr(course_module, "trials", lambda *_: leaders)
+    monkeypatch.setattr(course_module, "is_same", lambda one, other: one.candidate.label == other.label)
+    monkeypatch.setattr(course_module, "ranked", lambda given: given)
+    monkeypatch.setattr(Course, "_is_open", lambda *_: True)
+    before = SimpleNamespace(simulated={"validation": Agreement({}, {"y": 2.0})})
+    stand = SimpleNamespace(reference=SimpleNamespace(simulated="errors", fit=before))
+    nothing = cast(Any, None)
+    used = SimpleNamespace(entries=leaders)
+    course = Course(
+        cast(Any, stand), nothing, nothing, cast(Any, (None, used)), (), (), DiagnoseOptions(), nothing,
+        nothing, nothing,
+    )  # fmt: skip
+    asked: list[Any] = []
+
+    def shown(records: Any, trials: Any, before: Any) -> str:
+        assert records is stand and before is proofs
+        asked.extend(one.candidate.label for one in trials)
+        return "shown"
+
+    found = course._with_leaders_in_use(cast(Any, SimpleNamespace(shown_by_leaders=shown)), proofs)
+    assert (found, asked) == ((proofs, []) if wanted is None else ("shown", wanted))

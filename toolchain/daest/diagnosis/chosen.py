@@ -26,13 +26,16 @@ def chosen_candidates(
     experiments: Sequence[Experiment],
     options: DiagnoseOptions,
     taken: Collection[str] = (),
+    unused: Sequence[str] = (),
 ) -> tuple[Candidate, ...]:
     """The effects of the library at the places where they fit, those that `options` name, under names that
-    are not `taken`. No dead time of the one output of a model whose inputs keep their levels: what runs by
+    are not `taken`. What is recorded and does nothing in the model may be what a law needs: columns, and
+    `unused` inputs. No dead time of the one output of a model whose inputs keep their levels: what runs by
     itself is as late where it began elsewhere. Nothing with states of its own at an input that is zero, and
     no bend at one that takes no more than two values: between them any law is a gain with an offset."""
     library = [_within_samples(effect, experiments) for effect in library]
-    columns = [name for name in experiments[0].extra if _is_new_signal(name, experiments)]
+    recorded = [*unused, *experiments[0].extra]
+    columns = [name for name in recorded if _is_new_signal(name, experiments, unused)]
     whole = pairs(library, places, columns, taken)
     none = {
         name for name in experiments[0].input_names if not any(np.any(e.input(name)) for e in experiments)
@@ -43,7 +46,8 @@ def chosen_candidates(
     return tuple(
         c
         for c in whole
-        if not (runs_by_itself and c.effect.class_name == DELAY and c.site.kind == "output")
+        if not (c.site.kind == "input" and c.site.name in unused)
+        and not (runs_by_itself and c.effect.class_name == DELAY and c.site.kind == "output")
         and not (c.site.kind == "input" and c.is_dynamic and c.site.name in none)
         and not (c.site.kind == "input" and c.site.name in two and bends(c))
         and (
@@ -71,21 +75,22 @@ def _within_samples(effect: Effect, experiments: Sequence[Experiment]) -> Effect
     return replace(effect, parameters=tuple(told))
 
 
-def _is_new_signal(name: str, experiments: Sequence[Experiment]) -> bool:
-    """Whether an unused column could be a cause: it moves in every experiment, and it is not just another
+def _is_new_signal(name: str, experiments: Sequence[Experiment], unused: Sequence[str]) -> bool:
+    """Whether an unused signal could be a cause: it moves in every experiment, and it is not just another
     form of an input or of a measured output (a command in other units, the reference of a control loop, a
     speed beside a measured angle)."""
     for experiment in experiments:
-        if name not in experiment.extra or np.ptp(np.nan_to_num(experiment.extra[name])) == 0.0:
+        if name not in (*experiment.extra, *experiment.input_names) or np.ptp(experiment.signal(name)) == 0.0:
             return False
-    column = np.concatenate([np.nan_to_num(e.extra[name]) for e in experiments])
-    known = np.concatenate([_known_signals(e) for e in experiments])
+    column = np.concatenate([e.signal(name) for e in experiments])
+    known = np.concatenate([_known_signals(e, unused) for e in experiments])
     table = np.column_stack([np.ones(column.size), known])
     rest = column - table @ np.linalg.lstsq(table, column, rcond=None)[0]
     return bool(np.sum(rest**2) > GATES.max_known_variance * np.sum((column - column.mean()) ** 2))
 
 
-def _known_signals(experiment: Experiment) -> np.ndarray:
-    """Inputs, outputs and rates of outputs (n_samples, n)."""
+def _known_signals(experiment: Experiment, unused: Sequence[str]) -> np.ndarray:
+    """Inputs that do something, outputs and rates of outputs (n_samples, n)."""
     outputs = np.nan_to_num(experiment.outputs)
-    return np.hstack([experiment.inputs, outputs, np.gradient(outputs, experiment.time, axis=0)])
+    driving = [experiment.input(name) for name in experiment.input_names if name not in unused]
+    return np.column_stack([*driving, outputs, np.gradient(outputs, experiment.time, axis=0)])

@@ -119,7 +119,7 @@ class Course:
             used = open_screen(pieces.null, pieces.reference.fit, self.candidates, self.options.seed)
             leaders = [] if used is None else _leaders_in_use(used, MOST_IN_PIECES)
             stages = self._stages()
-            found = stages.shown_in_pieces(pieces, leaders, proofs)
+            found = stages.shown_by_leaders(pieces, leaders, proofs)
             return ranked(found), not stages.late
         return tuple(proofs), False
 
@@ -229,9 +229,9 @@ class Course:
         return proofs
 
     def _with_leaders_in_use(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
-        """All laws, with those of the other leaders of the screen in open loop that a simulation shows, where
-        what is accepted leaves much of its error: a load that takes any course leaves no dead zone of a pump
-        anything to do, nor dry friction."""
+        """All laws, with those that lead the screen in open loop and that a simulation shows, where what is
+        accepted leaves much of its error: a load that takes any course leaves no dead zone of a pump anything
+        to do, nor dry friction."""
         reference, used = self.stand.reference, self.screens[1]
         if used is None or reference is None or reference.simulated is None or self.options.is_over:
             return proofs
@@ -241,8 +241,8 @@ class Course:
         if best is not None and _takes_most(best, reference.fit):
             return proofs
         leaders = trials(used, GATES.in_use_level, len(used.entries))
-        untried = _untried(leaders, [p.candidate for p in proofs])
-        return stages.shown_in_pieces(self.stand, untried[:MOST_IN_PIECES], proofs)
+        judged = [p.candidate for p in proofs if p.verdict != "rejected" or p.in_use.n_independent]
+        return stages.shown_by_leaders(self.stand, _untried(leaders, judged)[:MOST_IN_PIECES], proofs)
 
     def _is_open(self, proofs: Sequence[Proof]) -> bool:
         """Whether no law is accepted, something is left to explain, and there is time for it."""

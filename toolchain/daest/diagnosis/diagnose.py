@@ -40,7 +40,7 @@ from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel, Model, with_equations
 from daest.model.holds import Hold, hold_text
-from daest.modelica.sites import sites
+from daest.modelica.sites import sites, unused_inputs
 from daest.numerics.threads import one_thread
 
 
@@ -149,9 +149,10 @@ def switching_case(
     """Of a model with events what is diagnosed by its simulation: the model without its noises, the
     candidates, the data for estimation and those for validation."""
     quiet, (estimation, unseen) = without_noises(flat), halved(experiments, validation)
+    unused = unused_inputs(quiet)
     return (
         quiet,
-        chosen_candidates(library, sites(quiet), estimation, options),
+        chosen_candidates(library, sites(quiet), estimation, options, unused=unused),
         tuple(estimation),
         tuple(unseen),
     )

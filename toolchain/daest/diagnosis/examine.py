@@ -35,7 +35,7 @@ from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult
 from daest.modelica.attach import names_of
-from daest.modelica.sites import sites_left
+from daest.modelica.sites import sites_left, unused_inputs
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers, called, workers
 
@@ -70,7 +70,12 @@ def _examined(
     beside: list[_Beside] = []
     places = sites_left(stand.declared, stand.null.flat)
     candidates = chosen_candidates(
-        library, places, stand.null.experiments, options, names_of(stand.null.flat)
+        library,
+        places,
+        stand.null.experiments,
+        options,
+        names_of(stand.null.flat),
+        unused_inputs(stand.null.flat),
     )
     progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
 

@@ -18,6 +18,7 @@ from daest.diagnosis.search import Search, as_prepared, at_other_places, end_of_
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand, quiet
 from daest.diagnosis.trials import GENTLE, Prepared, prepare
+from daest.estimation.records import longest_duration
 from daest.model.diagnosis import InUse, Proof
 from daest.model.fit import FitResult
 
@@ -67,9 +68,9 @@ def shown_in_use(
 
 
 @dataclass(frozen=True)
-class InPieces:
-    """The best simulation of a candidate in pieces of the records, and what that says of it: the model with
-    `n_own` more parameters, of which the pieces determine one at least where `is_known`."""
+class InOpenLoop:
+    """The best simulation of a candidate over the records or pieces of them, and what that says of it: the
+    model with `n_own` more parameters, of which the records determine one at least where `is_known`."""
 
     prepared: Prepared
     fit: FitResult
@@ -93,32 +94,32 @@ class InPieces:
         return self.used.bic(self.n_own)
 
 
-def simulated_in_pieces(search: Search, prepared: Prepared) -> InPieces | None:
-    """What the simulation of the search's pieces says of a candidate; None where there is none, or a few
-    iterations gain nothing that would pay for its parameters."""
+def tried_in_open_loop(search: Search, prepared: Prepared) -> InOpenLoop | None:
+    """What the simulation over the records of the search says of a candidate; None where there is none, or a
+    few iterations gain nothing that would pay for its parameters."""
     stand = search.stand_in_use
     if stand.reference is None:
         return None
     with quiet():
         first = _fitted_in_use(stand, stand.reference, prepared, iterations=FIRST_IN_USE)
-        if first is None or _in_pieces(stand, stand.reference, prepared, first).bic <= 0.0:
+        if first is None or _in_open_loop(stand, stand.reference, prepared, first).bic <= 0.0:
             return None
         fit = _fitted_in_use(stand, stand.reference, prepared) or first
-        return _in_pieces(stand, stand.reference, prepared, fit)
+        return _in_open_loop(stand, stand.reference, prepared, fit)
 
 
-def _in_pieces(stand: Stand, reference: Reference, prepared: Prepared, fit: FitResult) -> InPieces:
+def _in_open_loop(stand: Stand, reference: Reference, prepared: Prepared, fit: FitResult) -> InOpenLoop:
     candidate = prepared.trial.candidate
     null = replace(stand.null, experiments=fed(stand.null.experiments, candidate))
     used = used_by(null, prepared, fit, fed(stand.validation, candidate), reference)
     is_known = not not_determined(candidate, fit, reference.fit)
     n_own = prepared.n_unknowns(null.estimated)
-    return InPieces(prepared, fit, used, n_own, is_known)
+    return InOpenLoop(prepared, fit, used, n_own, is_known)
 
 
-def proof_in_pieces(search: Search, found: InPieces, beside: Proof | None) -> Proof | None:
-    """The proof of a candidate by its simulation in pieces, where that is clear; else that `beside` loads,
-    which may not be known before, with what the pieces say. None where it cannot be refitted."""
+def proof_in_open_loop(search: Search, found: InOpenLoop, beside: Proof | None) -> Proof | None:
+    """The proof of a candidate by its simulation, where that is clear; else that `beside` loads, which may
+    not be known before, with what the simulation says. None where it cannot be refitted."""
     with quiet():
         beside = beside or _beside_loads(search, found.prepared)
         if beside is None:
@@ -128,7 +129,9 @@ def proof_in_pieces(search: Search, found: InPieces, beside: Proof | None) -> Pr
             shown = shown_in_use(search, found.prepared, beside, known=found.fit)
         if shown.verdict != "rejected":
             return shown
-        return told_of_whole(search.stand, replace(beside, final=found.fit, in_use=found.used))
+        lasts = longest_duration(search.stand_in_use.null.experiments)
+        refused = replace(beside, final=found.fit, in_use=replace(found.used, piece=lasts))
+        return refused if search.pieces is None else told_of_whole(search.stand, refused)
 
 
 def _beside_loads(search: Search, prepared: Prepared) -> Proof | None:

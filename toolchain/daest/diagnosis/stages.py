@@ -14,7 +14,7 @@ import numpy as np
 from daest.diagnosis.ahead import ONE_COMPILATION, compilations
 from daest.diagnosis.attempts import proof_by_attempts
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.in_use import InPieces, proof_in_pieces, shown_in_use, simulated_in_pieces
+from daest.diagnosis.in_use import InOpenLoop, proof_in_open_loop, shown_in_use, tried_in_open_loop
 from daest.diagnosis.late_signals import is_late
 from daest.diagnosis.null import Null
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
@@ -288,35 +288,36 @@ class Stages:
         shown = {p.candidate.name: p for p in found if p is not None}
         return [shown.get(p.candidate.name, p) for p in proofs]
 
-    def shown_in_pieces(
-        self, pieces: Stand, leaders: Sequence[Trial], proofs: Sequence[Proof]
+    def shown_by_leaders(
+        self, records: Stand, leaders: Sequence[Trial], proofs: Sequence[Proof]
     ) -> list[Proof]:
-        """All laws, with those that lead the screen of the simulation in `pieces`: those that are clear there
-        by that simulation; and where none is, the nearest with what it says."""
-        search = replace(self.search, pieces=pieces)
+        """All laws, with those that lead the screen of the simulation over `records`, which may be pieces of
+        the ones that there are: those that are clear there by that simulation; and where none is, the nearest
+        with what it says."""
+        search = self.search if records is self.search.stand else replace(self.search, pieces=records)
         tasks, known = [], {}
         for one in leaders:
             refitted = next((p for p in proofs if is_same(one, p.candidate)), None)
             ready = (
                 self.prepared([one]) if refitted is None else [_as_refitted(self.search.stand.null, refitted)]
             )
-            self.progress(f"simulating pieces with {one.candidate.label}")
-            tasks += [partial(simulated_in_pieces, search, prepared) for prepared in ready]
+            self.progress(f"simulating{' pieces' if search.pieces else ''} with {one.candidate.label}")
+            tasks += [partial(tried_in_open_loop, search, prepared) for prepared in ready]
             known.update({prepared.trial.candidate.name: refitted for prepared in ready})
         found = [one for one in self.proved((), proofs, tasks)[1] if one is not None] if tasks else []
         found = self._without_imitations(search, found, proofs)
         near = sorted((one for one in found if one.is_near), key=lambda one: -one.bic)
         told = [one for one in near if one.is_clear] or near[:1]
         again = [
-            partial(proof_in_pieces, search, one, known[one.prepared.trial.candidate.name]) for one in told
+            partial(proof_in_open_loop, search, one, known[one.prepared.trial.candidate.name]) for one in told
         ]
         judged = [p for p in self.proved((), proofs, again)[1] if p is not None] if again else []
         names = {p.candidate.name for p in judged}
         return [*(p for p in proofs if p.candidate.name not in names), *judged]
 
     def _without_imitations(
-        self, search: Search, found: Sequence[InPieces], proofs: Sequence[Proof]
-    ) -> list[InPieces]:
+        self, search: Search, found: Sequence[InOpenLoop], proofs: Sequence[Proof]
+    ) -> list[InOpenLoop]:
         """What was found in pieces, without clear laws with states that say no more there than a lag with
         fewer parameters which is too short to be told from others, or only comes near. Such a lag is refused
         beside loads, and no screen has it: its own simulation in pieces alone compares with that of a law."""
@@ -324,7 +325,7 @@ class Stages:
         lags = [p for p in proofs if p.is_any_dynamics or p.comes_near] if storing else []
         fewest = min((p.candidate.n_unknowns for p in lags), default=0)
         tasks = [
-            partial(simulated_in_pieces, search, _as_refitted(self.search.stand.null, p))
+            partial(tried_in_open_loop, search, _as_refitted(self.search.stand.null, p))
             for p in lags
             if p.candidate.n_unknowns == fewest
         ]
@@ -357,7 +358,7 @@ def is_same(trial: Trial, candidate: Candidate) -> bool:
     return trial.candidate.effect.class_name == candidate.effect.class_name and candidate.site.name in places
 
 
-def _says_as_much(simple: InPieces, other: InPieces) -> bool:
+def _says_as_much(simple: InOpenLoop, other: InOpenLoop) -> bool:
     """Whether a law with fewer parameters says as much in pieces as another one."""
     few, many = (len(one.prepared.trial.candidate.estimated) for one in (simple, other))
     return few < many and other.bic <= simple.bic + GATES.same_bic

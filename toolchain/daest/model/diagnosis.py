@@ -253,8 +253,8 @@ class InUse:
     """What a simulation says of a law: the logarithms of the ratios of mean squared errors without to with
     it, of the `fitted` and of the `unseen` data, the samples of each that count as independent (0: nothing is
     known), and how many standard errors the mean squares of the unseen ones are apart. `piece` is the
-    duration [s] of the pieces of the records that are simulated, each from a start of its own; 0: the whole
-    records are."""
+    duration [s] over which it is told, of the records or pieces of them, each from a start of its own; 0
+    where it is evidence beside others."""
 
     fitted: float = 0.0
     unseen: float = 0.0

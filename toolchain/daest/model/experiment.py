@@ -64,14 +64,20 @@ class Experiment(Timed):
         return self.outputs[:, [self.output_names.index(name) for name in names]]
 
     def driven_by(self, names: Sequence[str]) -> Experiment:
-        """The recording with columns of `extra` as further inputs, zero where they hold no value."""
-        inputs = np.column_stack([self.inputs, *(np.nan_to_num(self.extra[name]) for name in names)])
-        return replace(self, inputs=inputs, input_names=(*self.input_names, *names))
+        """The recording with columns of `extra` as further inputs, zero where they hold no value; `names` of
+        inputs that it has are there already."""
+        new = [name for name in names if name not in self.input_names]
+        inputs = np.column_stack([self.inputs, *(np.nan_to_num(self.extra[name]) for name in new)])
+        return replace(self, inputs=inputs, input_names=(*self.input_names, *new))
+
+    def signal(self, name: str) -> np.ndarray:
+        """Values (n_samples,) of an input or of a column of `extra`, zero where that holds no value."""
+        return self.input(name) if name in self.input_names else np.nan_to_num(self.extra[name])
 
     def as_driving(self, names: Sequence[str]) -> Experiment:
         """The recording with the inputs `names` alone, in that order: those that it has and columns of
         `extra`."""
-        whole = self.driven_by([name for name in names if name not in self.input_names])
+        whole = self.driven_by(names)
         chosen = [whole.input_names.index(name) for name in names]
         return replace(whole, inputs=whole.inputs[:, chosen], input_names=tuple(names))
 

@@ -80,6 +80,18 @@ def sites(flat: Model) -> tuple[Site, ...]:
     return places
 
 
+def unused_inputs(flat: Model) -> tuple[str, ...]:
+    """The inputs that no equation and no output of a model depends on: they may be recorded and wait for the
+    law that needs them. None of a model without equations."""
+    if not isinstance(flat, FlatModel) or not flat.u.numel():
+        return ()
+    events = (
+        () if flat.events is None else tuple(p for p in vars(flat.events).values() if isinstance(p, ca.SX))
+    )
+    used = ca.which_depends(ca.veccat(flat.residual, flat.output_expressions, *events), flat.u, 1, False)
+    return tuple(x.name for x, is_used in zip(flat.inputs, used, strict=True) if not is_used)
+
+
 def sites_left(declared: Model, grown: Model) -> tuple[Site, ...]:
     """The places of the model as it was `declared` that are there in the one to which effects were added:
     what bends a signal stands between that and the bodies on which it would be a force."""
