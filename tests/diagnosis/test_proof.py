@@ -664,6 +664,11 @@ def test_one_equation_under_two_names_is_one_answer():
     law = replace(other.candidate, effect=replace(other.candidate.effect, class_name="Other"))
     apart = replace(other, candidate=law, delta_log_likelihood=proof.delta_log_likelihood - 0.5)
     assert [p.verdict for p in ranked([proof, apart])] == ["not separable", "not separable"]
+    # Two searches for the same end apart by a share of what they gain.
+    gain = proof.delta_log_likelihood
+    near = [replace(apart, delta_log_likelihood=gain - share * abs(gain)) for share in (0.0009, 0.0011)]
+    assert 0.0009 * gain > 0.05
+    assert [ranked([proof, one])[0].verdict for one in near] == ["supported", "not separable"]
     # What is lost needs no second connector.
     between = replace(proof.candidate.effect, connectors=(*proof.candidate.effect.connectors, "flange_b"))
     joined = replace(

@@ -197,10 +197,12 @@ def _place(best: Proof, proof: Proof) -> tuple[bool, float, int, float]:
 
 def _is_same_equation(one: Proof, other: Proof) -> bool:
     """Whether two laws do the same under two names: as a heat flow into a node and a gain in proportion to
-    it; or as an offset and a dead zone of which the recordings show one side alone."""
-    if abs(one.delta_log_likelihood - other.delta_log_likelihood) > GATES.same_equation:
-        return False
+    it; or as an offset and a dead zone of which the recordings show one side alone. Two searches for one end
+    a little apart."""
     values, others = (_values_of_model(p) for p in (one, other))
+    apart = abs(one.delta_log_likelihood - other.delta_log_likelihood)
+    if apart > max(GATES.same_equation, GATES.same_equation_share * other.delta_log_likelihood):
+        return False
     return len(_own_sizes(one)) == len(_own_sizes(other)) and all(
         abs(a.value - b.value) <= GATES.same_equation * (a.std_error or 0.0)
         for a, b in zip(values, others, strict=True)
