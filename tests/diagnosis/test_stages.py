@@ -149,11 +149,13 @@ def test_law_with_states_in_pieces_is_compared_with_short_lags(
     assert left == ([law, other] if is_left else [other])
 
 
-def law(label: str, ratio: float = 0.5, judged: float = 0.0, verdict: str = "rejected") -> Any:
+def law(
+    label: str, ratio: float = 0.5, judged: float = 0.0, verdict: str = "rejected", by_use: bool = False
+) -> Any:
     told = SimpleNamespace(simulated={"validation": Agreement({}, {"y": 2.0 * ratio})})
     candidate = SimpleNamespace(label=label, name=label)
     used = InUse(n_independent=judged)
-    return SimpleNamespace(candidate=candidate, told=told, verdict=verdict, in_use=used)
+    return SimpleNamespace(candidate=candidate, told=told, verdict=verdict, in_use=used, is_by_use=by_use)
 
 
 @pytest.mark.parametrize(
@@ -168,6 +170,8 @@ def law(label: str, ratio: float = 0.5, judged: float = 0.0, verdict: str = "rej
         ([law("outlet", 0.6, verdict="supported")], None),
         ([law("outlet", 0.8, verdict="supported"), law("friction")], ["friction", "dead zone"]),
         ([law("outlet", 0.6, verdict="not separable"), law("dead zone", 0.6, 9.0)], ["friction"]),
+        # What is accepted by its simulation alone has its rivals there.
+        ([law("friction", 0.6, 9.0, "supported", by_use=True)], ["dead zone"]),
     ],
 )
 def test_leaders_in_open_loop_are_simulated_where_much_is_left(

@@ -255,9 +255,11 @@ class Course:
 
 
 def _takes_most(best: Proof, before: FitResult) -> bool:
-    """Whether a law takes most of the error of the simulation of unseen data that there was `before`."""
+    """Whether a law takes most of the error of the simulation of unseen data that there was `before`, and is
+    accepted for more than that: its rivals were refused beside loads, where it was, too."""
     ratios = error_ratios(before.simulated, best.told.simulated)
-    return best.verdict == "supported" and bool(ratios) and max(ratios) <= GATES.max_simulated_ratio
+    takes_most = bool(ratios) and max(ratios) <= GATES.max_simulated_ratio
+    return best.verdict == "supported" and not best.is_by_use and takes_most
 
 
 def _untried(trials: Sequence[Trial], tried: Sequence[Candidate]) -> list[Trial]:

@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtri, stdtr
 
 from daest.diagnosis.beside_starts import Started, beside_starts, started
 from daest.diagnosis.candidates import courses, ranges
@@ -32,6 +33,7 @@ from daest.systems.integrate import integrate, integrator
 from daest.systems.integration import IntegrationError
 
 ITERATIONS = 40  # of a search by simulation
+MOST_BLOCKS = 50  # of the records, in which two simulations are compared
 PARTS = ("estimation", "validation")
 START_SHARES = (1.0, 0.1)  # of the sizes by the screen, from which it starts
 
@@ -244,15 +246,32 @@ def in_use(before: Simulated | None, after: Simulated | None) -> InUse:
     seen, foreseen = (_squares(one.unseen, size) for one in (before, after))
     if not seen.size or seen.size != foreseen.size or old.size != new.size:
         return InUse()  # one of them ran away
-    error = _error_of_mean(seen - foreseen)
-    gap = float(np.mean(seen) - np.mean(foreseen))
+    blocks = int(min(sum(_independent(c) for c in _scaled(before.unseen, size)), of_unseen, MOST_BLOCKS))
     return InUse(
         fitted=float(np.log(np.mean(old) / np.mean(new))),
         unseen=float(np.log(np.mean(seen) / np.mean(foreseen))),
         n_independent=independent,
         n_unseen=of_unseen,
-        certainty=gap / error if error > 0.0 else 0.0,
+        certainty=max(_certainty(seen - foreseen), _certainty_of_blocks(seen, foreseen, blocks)),
     )
+
+
+def _certainty(gap: np.ndarray) -> float:
+    """How many standard errors the mean of a course (n,) is off zero."""
+    error = _error_of_mean(gap)
+    return float(np.mean(gap)) / error if error > 0.0 else 0.0
+
+
+def _certainty_of_blocks(seen: np.ndarray, foreseen: np.ndarray, n_blocks: int) -> float:
+    """How many standard errors the mean squares (n,) of one simulation are below those of another in a block
+    of the records, as a ratio: where few of them hold most of the error, their sum is as uncertain as those
+    few are, though the law does away with it in all. Of few blocks the standard error is uncertain itself
+    (Student). 0 with too few to tell."""
+    if n_blocks < GATES.min_independent:
+        return 0.0
+    parts = (np.array([part.mean() for part in np.array_split(c, n_blocks)]) for c in (seen, foreseen))
+    one, other = (np.log(np.maximum(part, np.finfo(float).tiny)) for part in parts)
+    return -float(ndtri(stdtr(n_blocks - 1, -_certainty(one - other))))
 
 
 def _beside_starts(before: Simulated, after: Simulated) -> tuple[Simulated, Simulated]:
