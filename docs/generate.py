@@ -31,7 +31,7 @@ from daest.cli.main import COMMANDS, cli
 from daest.cli.schema import schema_names, schema_of
 from daest.data.limits import DATA
 from daest.data.project import KEYS
-from daest.diagnosis import formulas, pieces, unseen
+from daest.diagnosis import formulas, open_loop, pieces, unseen
 from daest.diagnosis.gates import GATES
 from daest.errors import EXPLANATIONS
 from daest.estimation.gates import FIT
@@ -328,6 +328,7 @@ def filled(markdown: str) -> str:
         ),
         unseen=unseen,
         pieces=pieces,
+        open_loop=open_loop,
         data=DATA,
         percent=percent,
     )

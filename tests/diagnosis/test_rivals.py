@@ -207,13 +207,13 @@ def test_law_with_places_of_its_own_competes_where_the_leader_leaves_a_part_of_t
             ("drag", ()),
         )
     )
-    entries = [SimpleNamespace(candidate=one) for one in (spring, stops, drag)]
-    screen = SimpleNamespace(
-        entries=entries, correlation=np.array([[1, 0.69, 0.69], [0.69, 1, 0], [0.69, 0, 1]])
-    )
+    correlation = np.array([[1, 0.69, 0.69], [0.69, 1, 0], [0.69, 0, 1]])
     quiet_rest = SimpleNamespace(p_value=0.5, log_likelihood_gain=1.0, sign_of="")
 
-    def competes(candidate, explained):
+    def competes(candidate, explained, scores=(9.0, 5.0, 5.0)):
+        pairs = zip((spring, stops, drag), scores, strict=True)
+        entries = [SimpleNamespace(candidate=one, score=score) for one, score in pairs]
+        screen = SimpleNamespace(entries=entries, correlation=correlation)
         best = SimpleNamespace(
             candidate=spring, left=quiet_rest, delta_log_likelihood=2350.0, explained=explained
         )
@@ -221,6 +221,8 @@ def test_law_with_places_of_its_own_competes_where_the_leader_leaves_a_part_of_t
 
     assert competes(stops, 0.88) and not competes(stops, 0.99)
     assert not competes(drag, 0.88), "a law without shapes was seen at its best"
+    # Play that leads the screen is not put aside by stops that it has at a grid of places.
+    assert competes(drag, 0.99, scores=(9.0, 5.0, 9.1))
 
 
 def best_lags(null, lags):

@@ -23,7 +23,8 @@ def could_compete(trial: Trial, best: Proof | None, screen: Screen) -> bool:
 
     Where the best leaves nothing, its response is all that is missing, and a candidate whose response has the
     correlation ρ with it gains about ρ² of what it gains. Where it leaves a part of the load, one whose
-    places, such as those of stops, the screen has only tried on a grid may say more than it does there.
+    places, such as those of stops, the screen has only tried on a grid may say more than it does there. One
+    that the screen sees better than the best itself has not been beaten.
     """
     if best is None or best.left is None or is_significant(best.left, best.delta_log_likelihood):
         return True
@@ -32,7 +33,10 @@ def could_compete(trial: Trial, best: Proof | None, screen: Screen) -> bool:
     names = [entry.candidate.name for entry in screen.entries]
     if not {best.candidate.name, trial.candidate.name} <= set(names):
         return True
-    correlation = screen.correlation[names.index(best.candidate.name), names.index(trial.candidate.name)]
+    own, other = names.index(best.candidate.name), names.index(trial.candidate.name)
+    if screen.entries[other].score > screen.entries[own].score:
+        return True
+    correlation = screen.correlation[own, other]
     is_shaped = any(p.estimate and p.role == "shape" for p in trial.candidate.effect.parameters)
     if is_shaped and best.explained < GATES.all_explained and correlation**2 >= GATES.min_alike_response:
         return True
