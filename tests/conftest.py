@@ -1,10 +1,12 @@
 """Fixtures that several rooms share."""
 
+import contextlib
 import gc
 import os
 import shutil
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache
@@ -37,6 +39,10 @@ os.environ.setdefault("DAEST_COMPILER_EFFORT", "Og")
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix = str(cache_folder() / "bytecode")
     sys.dont_write_bytecode = False
+    with contextlib.suppress(OSError):
+        os.makedirs(sys.pycache_prefix, exist_ok=True)
+# What the first worker leaves in that folder once it has compiled all; the others wait for it so long [s].
+COMPILED, MOST_WAITED = "tests-are-compiled", 120.0
 
 
 # `pytest -m quick`: rooms and files whose tests take milliseconds, for the minute between two edits.
@@ -124,6 +130,17 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if config.option.markexpr == "quick" and is_other else None
 
 
+def pytest_collection(session: pytest.Session) -> None:
+    """Where nothing is compiled yet, the first worker of xdist does it: 12 s of the processor for each of the
+    others otherwise."""
+    worker = getattr(session.config, "workerinput", {}).get("workerid", "gw0")
+    if worker == "gw0" or not sys.pycache_prefix or not os.access(sys.pycache_prefix, os.W_OK):
+        return
+    end = time.monotonic() + MOST_WAITED
+    while not Path(sys.pycache_prefix, COMPILED).exists() and time.monotonic() < end:
+        time.sleep(0.1)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the quick tests: those of quick files that are not slow."""
     for item in items:
@@ -133,6 +150,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish() -> None:
     """What is there now stays until the end: the garbage collector need not look at it again."""
+    if sys.pycache_prefix:
+        with contextlib.suppress(OSError):
+            Path(sys.pycache_prefix, COMPILED).touch()
     gc.collect()
     gc.freeze()
 

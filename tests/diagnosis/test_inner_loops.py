@@ -29,21 +29,32 @@ end Servo;
 STEP, SAMPLES = 0.01, 1200
 
 
+def held(rate, start, steps, times, method="RK45"):
+    """The first state at `times` after the begin of each step of the reference, but for the last time, which
+    is the begin of the next one."""
+    x, found = start, []
+    for r in steps:
+        span = (times[0], times[-1])
+        y = solve_ivp(rate, span, x, method, times, args=(r,), rtol=1e-9, atol=1e-12).y
+        found.append(y[0, :-1])
+        x = y[:, -1]
+    return np.concatenate(found)
+
+
 def recorded(limit, friction=0.0):
     """A reference in steps; the command is cut at the limit, and dry friction [N.m] holds the rotor."""
     rng = np.random.default_rng(4)
-    levels = np.repeat(rng.uniform(-1, 1, SAMPLES // 60), 60)
+    steps = rng.uniform(-1, 1, SAMPLES // 60)
 
     def rate(_, x, r):
         torque = np.clip(20 * (r - x[0]) - 2 * x[1], -limit, limit) - friction * np.tanh(x[1] / 0.005)
         return [x[1], (torque - 0.03 * x[1]) / 0.012]
 
-    x, angles = [0.0, 0.0], []
-    for r in levels:
-        angles.append(x[0])
-        x = solve_ivp(rate, (0.0, STEP), x, "LSODA", args=(r,), rtol=1e-9, atol=1e-12).y[:, -1]
-    outputs = np.array(angles)[:, None] + 0.001 * rng.standard_normal((SAMPLES, 1))
-    return Experiment("run", STEP * np.arange(SAMPLES), levels[:, None], outputs, ("r",), ("y",))
+    angles = held(rate, (0.0, 0.0), steps, STEP * np.arange(61.0), "LSODA")
+    outputs = angles[:, None] + 0.001 * rng.standard_normal((SAMPLES, 1))
+    return Experiment(
+        "run", STEP * np.arange(SAMPLES), np.repeat(steps, 60)[:, None], outputs, ("r",), ("y",)
+    )
 
 
 @pytest.mark.parametrize(("limit", "verdict"), [(4.0, "supported"), (1e9, "nothing missing")])
@@ -86,17 +97,16 @@ end Oven;
 
 def test_heater_does_not_cool():
     rng = np.random.default_rng(11)
-    levels = np.repeat(rng.uniform(40, 120, 10), 80)
+    steps = rng.uniform(40, 120, 10)
 
     def rate(_, x, r):
         return [(max(40 * (r - x[0]) + x[1], 0.0) - 4 * (x[0] - 20)) / 900, 0.05 * (r - x[0])]
 
-    x, heat = [60.0, 0.0], []
-    for r in levels:
-        heat.append(x[0])
-        x = solve_ivp(rate, (0.0, 10.0), x, args=(r,), rtol=1e-9, atol=1e-9).y[:, -1]
-    outputs = np.array(heat)[:, None] + 0.1 * rng.standard_normal((levels.size, 1))
-    run = Experiment("run", 10.0 * np.arange(levels.size), levels[:, None], outputs, ("r",), ("y",))
+    heat = held(rate, (60.0, 0.0), steps, 10.0 * np.arange(81.0))
+    outputs = heat[:, None] + 0.1 * rng.standard_normal((heat.size, 1))
+    run = Experiment(
+        "run", 10.0 * np.arange(heat.size), np.repeat(steps, 80)[:, None], outputs, ("r",), ("y",)
+    )
     names = ("OneSidedLimit", "DeadZone", "QuadraticGain", "HeatLoss")
     laws = [law for law in library() if law.name in names]
     found = diagnose(compile_text(OVEN, Path("Oven.mo")), laws, [run], (), DiagnoseOptions(hold="zoh"))

@@ -121,7 +121,7 @@ def test_loads_whose_starts_are_certain_together_only_are_no_silence(tmp_path: P
 
 def test_law_takes_the_place_of_loads_that_begin_with_the_recordings(tmp_path: Path) -> None:
     (tmp_path / "RollOut.mo").write_text(ROLL_OUT)
-    runs = [_rolled(number, start) for number, start in enumerate((33.5, 31.0, 24.0, 34.0))]
+    runs = [_rolled(number, start) for number, start in enumerate((33.5, 24.0, 34.0))]
     effects = [effect for effect in effect_library() if effect.name in ("QuadraticDrag", "Offset")]
     found = diagnose(compile_model(tmp_path / "RollOut.mo"), effects, runs)
     law, fit = found.proofs[0].candidate, found.proofs[0].told

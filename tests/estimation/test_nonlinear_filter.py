@@ -204,11 +204,12 @@ def full_turns(period=0.02, n=500, push=-8.0):
     def rate(t, s, force):
         return [s[1], (-m * 9.81 * np.sin(s[0]) - d * L * s[1] + force * np.cos(s[0])) / (m * L)]
 
-    state, angle = np.array([np.arctan2(0.6, 0.8), 0.0]), np.empty((n, 2))
-    angle[0] = state
-    for k in range(n - 1):
-        state = solve_ivp(rate, (0, period), state, args=(u[k, 0],), rtol=1e-11, atol=1e-12).y[:, -1]
-        angle[k + 1] = state
+    angle = np.empty((n, 2))
+    angle[0] = np.arctan2(0.6, 0.8), 0.0
+    for first, last in ((0, 25), (25, n - 1)):  # the force stays
+        t = time[first : last + 1]
+        given = {"t_eval": t, "args": (u[first, 0],), "rtol": 1e-11, "atol": 1e-12}
+        angle[first : last + 1] = solve_ivp(rate, (t[0], t[-1]), angle[first], "DOP853", **given).y.T
     return time, u, angle
 
 

@@ -40,7 +40,7 @@ static int trap(M *m) {
     if (m->t < TRAP_TIME) return 0;
     switch (TRAP) {
         case CRASH: *(volatile int *)8 = 1; break;
-        case HANG: for (;;) {} break;
+        case HANG: for (;;) pause();
         case EXIT: exit(3);
         case ABORT: abort();
         case LOG: for (;;) m->f->logger(m->f->componentEnvironment, "ball", fmi2OK, "log", "again and again at %g", m->t); break;

@@ -18,7 +18,7 @@ import numpy as np
 
 from daest.fmu.drive import Drive
 from daest.fmu.instance import CALLS, Instance
-from daest.numerics.compiler import build_shared, if_compiler, pointer, text_of
+from daest.numerics.compiler import build_shared, effort, if_compiler, pointer, text_of
 
 # The caller hears this often how far the solution has come.
 TOLD_SECONDS = 0.2
@@ -36,7 +36,8 @@ def engine_library(
     sizes |= {"NP": n_p, "NY": n_y, "NG": 0}
     lines = [f"#define {name} {value}" for name, value in sizes.items()]
     texts = (*lines, text_of("foreign.c", "daest.fmu"), text_of("radau.c"))
-    return if_compiler(lambda: build_shared("\n".join(texts), "engine"))
+    source = "\n".join(texts)
+    return if_compiler(lambda: build_shared(source, "engine", (effort(source, "-O2"),)))
 
 
 @dataclass(frozen=True)
