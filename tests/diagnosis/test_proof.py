@@ -866,6 +866,35 @@ def test_torque_is_known_by_its_ratio_where_no_sensor_tells_the_scale_of_all_tor
     assert said.startswith("tau_c = 0.15 ± 0.06 N.m, tau_c/J = ")
 
 
+def test_two_equal_lags_are_known_by_their_product():
+    """0.15 ± 0.06 s twice, their product within 6 %: nobody knows which is which, and both are there."""
+    _, proof = proved()
+    own = f"{proof.candidate.name}.tau_c"
+    lag = replace(proof.candidate, effect=replace(proof.candidate.effect, is_dynamic=True))
+
+    def told(second, unit="N.m"):
+        fit = proof.fit
+        values = {own: {"value": 0.15, "std_error": 0.06}}
+        values["J"] = {"value": second, "std_error": 0.4 * second, "min": 0.0, "unit": unit}
+        parameters = tuple(replace(p, **values.get(p.name, {})) for p in fit.parameters)
+        i, j = (fit.correlation_names.index(name) for name in (own, "J"))
+        known = np.eye(len(fit.correlation_names))
+        known[i, j] = known[j, i] = -0.99
+        return replace(fit, parameters=parameters, correlation=known)
+
+    def certainty(fit):
+        parameter = next(p for p in fit.parameters if p.name == own)
+        return certainty_of(lag, fit, parameter, lag.effect.sizes[0], proof.fit)
+
+    assert certainty(told(0.16)) == pytest.approx(1.0 / (0.4 * np.sqrt(2.0 * 0.01)))
+    assert not_determined(lag, told(0.16), proof.fit) == ""
+    (product,) = known_products(lag, told(0.16))
+    assert (product.name, product.unit, product.value) == ("tau_c*J", "N2.m2", pytest.approx(0.024))
+    # Times that are told apart do not change places, nor does a time with what is none.
+    assert certainty(told(0.6)) == pytest.approx(2.5)
+    assert certainty(told(0.16, "kg.m2")) == pytest.approx(2.5)
+
+
 def test_a_place_or_a_phase_is_not_known_by_being_off_zero():
     """A weight of 1.3 ± 4.1 N.m half a turn round, and a rim at 120 ± 18 kPa over which anything flows."""
     _, proof = proved()

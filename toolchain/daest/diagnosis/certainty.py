@@ -38,9 +38,12 @@ def certainty_of(
     uncertain as this scale, each of them, and none of them is zero for that. Not by one to a parameter that
     was known `before` the law was there: the law then only takes its place, and their difference is all that
     is known. Nor the size of a law that changes the order of the model, whose ratios to other times are no
-    scales. The bend of a signal counts by its product with any parameter, known before or not: a thrust
-    with the square of a command has no other gain, and relative to that its bend may be anything, while the
-    product is certain. 0 where nothing is known."""
+    scales: its time counts by its product with another one that the data do not tell apart from it. Two equal
+    lags may change places, so that the slope of the likelihood over their difference is nothing and the
+    standard error of either is infinite, while the product, which vanishes with either, is certain. The bend
+    of a signal counts by its product with any parameter, known before or not: a thrust with the square of a
+    command has no other gain, and relative to that its bend may be anything, while the product is certain.
+    0 where nothing is known."""
     null, error = declared.null or 0.0, own.std_error
     if error is None:
         return 0.0
@@ -48,7 +51,7 @@ def certainty_of(
     beside = (
         1.0 / spread
         for scale, spread in _beside_scales(candidate, told, own, declared)
-        if is_bend(declared) or not _is_blurred(scale, before)
+        if _is_by_product(candidate, declared) or not _is_blurred(scale, before)
     )
     return max(alone, *beside, 0.0)
 
@@ -69,7 +72,7 @@ def known_products(candidate: Candidate, told: FitResult) -> tuple[KnownProduct,
         ]
         if beside:
             spread, scale = min(beside, key=lambda one: one[0])
-            found.append(_product(own, scale, spread, 1 if is_bend(size) else -1))
+            found.append(_product(own, scale, spread, 1 if _is_by_product(candidate, size) else -1))
     return tuple(found)
 
 
@@ -89,6 +92,11 @@ def is_bend(declared: EffectParameter) -> bool:
     return declared.signal_unit == "1/u"
 
 
+def _is_by_product(candidate: Candidate, declared: EffectParameter) -> bool:
+    """Whether a size counts by its product with a parameter of the model, and not by their ratio."""
+    return is_bend(declared) or candidate.effect.is_dynamic
+
+
 def bends(candidate: Candidate) -> bool:
     """Whether a law is a bend of its signal: at a place along it, or everywhere. A dead zone is not, whose
     one side is an offset."""
@@ -99,9 +107,12 @@ def _beside_scales(
     candidate: Candidate, told: FitResult, own: FittedParameter, declared: EffectParameter
 ) -> Iterator[tuple[FittedParameter, float]]:
     """The parameters of the model that cannot vanish, each with the standard error of the logarithm of its
-    ratio to a size; for a bend all of them, with that of their product: a gain may vanish beside it."""
-    if declared.role != "size" or declared.null or candidate.effect.is_dynamic or not own.value:
+    ratio to a size; for a bend all of them, with that of their product: a gain may vanish beside it. For a
+    law that changes the order of the model those that the data do not tell apart from it, with that of their
+    product."""
+    if declared.role != "size" or declared.null or not own.value:
         return
+    power = 1.0 if _is_by_product(candidate, declared) else -1.0
     names, cov = told.covariance()
     known = dict(zip(names, range(len(names)), strict=True))
     for p in told.parameters if own.name in known else ():
@@ -110,11 +121,21 @@ def _beside_scales(
         cannot_vanish = p.min is not None and p.min >= 0.0 < p.value
         if not cannot_vanish and not (is_bend(declared) and p.value):
             continue
+        if candidate.effect.is_dynamic and not _may_change_places(own, p):
+            continue
         both = np.ix_([known[own.name], known[p.name]], [known[own.name], known[p.name]])
-        relative = np.array([1.0 / own.value, (1.0 if is_bend(declared) else -1.0) / p.value])
+        relative = np.array([1.0 / own.value, power / p.value])
         variance = float(relative @ cov[both] @ relative)
         if variance > 0.0:
             yield p, float(np.sqrt(variance))
+
+
+def _may_change_places(own: FittedParameter, other: FittedParameter) -> bool:
+    """Whether two times are one within the standard error of either."""
+    errors = own.std_error, other.std_error
+    return own.unit == other.unit and all(
+        error is not None and abs(own.value - other.value) <= error for error in errors
+    )
 
 
 def _is_blurred(parameter: FittedParameter, before: FitResult) -> bool:
