@@ -351,9 +351,14 @@ def told_value(parameter: FittedParameter) -> str:
 
 
 def _told(name: str, one: FittedParameter | KnownProduct) -> str:
+    return f"{name} = {told_number(one)}"
+
+
+def told_number(one: FittedParameter | KnownProduct) -> str:
+    """A value with its uncertainty and unit, as messages tell it."""
     error = "" if one.std_error is None else f" ± {one.std_error:.2g}"
     unit = "" if one.unit == "1" else one.unit
-    return f"{name} = {one.value:.4g}{error} {unit}".rstrip()
+    return f"{one.value:.4g}{error} {unit}".rstrip()
 
 
 def told_values(proof: Proof) -> str:

@@ -704,6 +704,22 @@ def scored(
     return Screen(found, between, p_value, len(candidates), skipped)
 
 
+def value_scores(null: Null, run: NullObserver, names: Sequence[str]) -> list[tuple[float, float, str]]:
+    """Of parameters of the model that are not estimated, how much another value of each would show: the
+    magnitude of its score, its p-value corrected for their number, and the name. Zero and 1 where estimated
+    parameters and other loads do the same."""
+    responses = _responses_to(null, run, null.explicit, sizes_of(null.explicit, names))
+    directions = nuisance(run, len(null.estimated))
+    rest, share = projected(responses, directions)
+    only_rescales = projected(responses, np.vstack([directions, loads_rescaled(null, run)]))[1]
+    norms = np.linalg.norm(rest, axis=1)
+    seen = (np.minimum(share, only_rescales) >= GATES.absorbed_share) & (norms > 0.0)
+    unit = np.where(seen[:, None], rest / np.where(norms > 0.0, norms, 1.0)[:, None], 0.0)
+    z = np.where(seen, np.abs(unit @ run.whitened) / spread_under(run.whitened)(unit), 0.0)
+    p_values = np.minimum(1.0, 2.0 * len(names) * norm.sf(z))
+    return list(zip(z.tolist(), p_values.tolist(), names, strict=True))
+
+
 def promising_pairs(found: Screen) -> list[tuple[Screened, Screened]]:
     """Pairs of candidates of one size each whose joint score says much more than any of all candidates alone,
     and more than a search over all pairs finds by chance; the best first.
