@@ -25,12 +25,14 @@ from daest.model.fit import FittedParameter, error_ratios
 @dataclass(frozen=True)
 class OtherValue:
     """A parameter that is held at the value `held`, as it was estimated: the gain in BIC over the null, and
-    the errors of simulated unseen data to those of the model as it is."""
+    the errors of simulated unseen data to those of the model as it is. Other values of those `alike` do the
+    same."""
 
     parameter: FittedParameter
     held: float
     delta_bic: float
     ratios: tuple[float, ...]
+    alike: tuple[str, ...] = ()
 
     def says_as_much_as(self, law: Proof, law_ratios: Sequence[float]) -> bool:
         """Whether it is an answer beside an accepted law: as likely, or less so where the law simulates
@@ -54,7 +56,9 @@ class OtherValue:
         """What it is, and what it was."""
         unit = "" if self.parameter.unit == "1" else self.parameter.unit
         held = f"{self.held:.4g} {unit}".rstrip()
-        return f"`{self.parameter.name}`, {told_number(self.parameter)} instead of the {held} that is given"
+        told = f"`{self.parameter.name}`, {told_number(self.parameter)} instead of the {held} that is given"
+        others = " or ".join(f"`{name}`" for name in self.alike)
+        return f"{told} (or of {others}, which the sensors see alike)" if others else told
 
 
 def other_value(stand: Stand, run: NullObserver) -> OtherValue | None:
@@ -65,9 +69,10 @@ def other_value(stand: Stand, run: NullObserver) -> OtherValue | None:
     names = [p.name for p in stand.declared.parameters if not (p.estimate or p.is_memory or p.name in tied)]
     if not names or stand.reference is None or stand.reference.adds_up:
         return None
-    _, p_value, name = max(value_scores(null, run, names), default=(0.0, 1.0, ""))
-    if not name or p_value >= GATES.screen_level:
+    first = value_scores(null, run, names)[0]
+    if first.p_value >= GATES.screen_level:
         return None
+    name = first.name
     held = next(p.value for p in null.flat.parameters if p.name == name)
     try:
         found = refit(null.flat, null.explicit, (*null.estimated, name), null, validation=stand.validation)
@@ -86,4 +91,4 @@ def other_value(stand: Stand, run: NullObserver) -> OtherValue | None:
         return None
     gain = found.log_likelihood - stand.baseline.log_likelihood
     ratios = error_ratios(stand.told.simulated, after.fit.simulated)
-    return OtherValue(told, held, bic_gain(gain, 1, null), tuple(ratios))
+    return OtherValue(told, held, bic_gain(gain, 1, null), tuple(ratios), first.alike)

@@ -704,9 +704,19 @@ def scored(
     return Screen(found, between, p_value, len(candidates), skipped)
 
 
-def value_scores(null: Null, run: NullObserver, names: Sequence[str]) -> list[tuple[float, float, str]]:
-    """Of parameters of the model that are not estimated, how much another value of each would show: the
-    magnitude of its score, its p-value corrected for their number, and the name. Zero and 1 where estimated
+@dataclass(frozen=True)
+class ScoredValue:
+    """A parameter of the model that is not estimated: the magnitude of the score of another value, its
+    p-value corrected for their number, and others of them whose values do the same to the innovations."""
+
+    name: str
+    score: float
+    p_value: float
+    alike: tuple[str, ...] = ()
+
+
+def value_scores(null: Null, run: NullObserver, names: Sequence[str]) -> list[ScoredValue]:
+    """How much another value of each of the parameters would show, most first. Nothing where estimated
     parameters and other loads do the same."""
     responses = _responses_to(null, run, null.explicit, sizes_of(null.explicit, names))
     directions = nuisance(run, len(null.estimated))
@@ -716,8 +726,17 @@ def value_scores(null: Null, run: NullObserver, names: Sequence[str]) -> list[tu
     seen = (np.minimum(share, only_rescales) >= GATES.absorbed_share) & (norms > 0.0)
     unit = np.where(seen[:, None], rest / np.where(norms > 0.0, norms, 1.0)[:, None], 0.0)
     z = np.where(seen, np.abs(unit @ run.whitened) / spread_under(run.whitened)(unit), 0.0)
-    p_values = np.minimum(1.0, 2.0 * len(names) * norm.sf(z))
-    return list(zip(z.tolist(), p_values.tolist(), names, strict=True))
+    same = np.abs(unit @ unit.T) > GATES.same_place_correlation
+    found = [
+        ScoredValue(
+            name,
+            float(z[i]),
+            float(min(1.0, 2.0 * len(names) * norm.sf(z[i]))),
+            tuple(other for j, other in enumerate(names) if j != i and same[i, j]),
+        )
+        for i, name in enumerate(names)
+    ]
+    return sorted(found, key=lambda one: -one.score)
 
 
 def promising_pairs(found: Screen) -> list[tuple[Screened, Screened]]:
