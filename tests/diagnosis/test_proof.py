@@ -749,7 +749,8 @@ def test_sensor_that_comes_to_its_limit_once_in_each_recording_is_seen_in_all_of
 def test_law_of_which_nothing_is_known_is_out_of_the_way_where_its_form_is_not_seen(monkeypatch):
     """A relaxation over days in a recording of minutes is an integral, and that a constant load."""
     said = "the recordings show too little of its form"
-    monkeypatch.setattr(proving, "not_determined", lambda *given: "the data determine none of its parameters")
+    vague = "the data determine none of its parameters"
+    monkeypatch.setattr(proving, "not_determined", lambda *_, **__: vague)
     _, vague = proved.__wrapped__()
     monkeypatch.setattr(proving, "without_form", lambda *given: said)
     _, formless = proved.__wrapped__()
@@ -866,7 +867,7 @@ def test_torque_is_known_by_its_ratio_where_no_sensor_tells_the_scale_of_all_tor
     assert said.startswith("tau_c = 0.15 ± 0.06 N.m, tau_c/J = ")
 
 
-def test_two_equal_lags_are_known_by_their_product():
+def test_of_two_equal_lags_the_likelihood_tells():
     """0.15 ± 0.06 s twice, their product within 6 %: nobody knows which is which, and both are there."""
     _, proof = proved()
     own = f"{proof.candidate.name}.tau_c"
@@ -882,12 +883,15 @@ def test_two_equal_lags_are_known_by_their_product():
         known[i, j] = known[j, i] = -0.99
         return replace(fit, parameters=parameters, correlation=known)
 
-    def certainty(fit):
+    def certainty(fit, gain=50.0):
         parameter = next(p for p in fit.parameters if p.name == own)
-        return certainty_of(lag, fit, parameter, lag.effect.sizes[0], proof.fit)
+        return certainty_of(lag, fit, parameter, lag.effect.sizes[0], proof.fit, gain)
 
-    assert certainty(told(0.16)) == pytest.approx(1.0 / (0.4 * np.sqrt(2.0 * 0.01)))
-    assert not_determined(lag, told(0.16), proof.fit) == ""
+    assert certainty(told(0.16)) == pytest.approx(10.0)
+    assert not_determined(lag, told(0.16), proof.fit, gain=50.0) == ""
+    # Their sum may be all that is known, which fixes the product of equal ones besides: one lag would do.
+    assert certainty(told(0.16), gain=2.0) == pytest.approx(2.5)
+    assert not_determined(lag, told(0.16), proof.fit, gain=2.0) != ""
     (product,) = known_products(lag, told(0.16))
     assert (product.name, product.unit, product.value) == ("tau_c*J", "N2.m2", pytest.approx(0.024))
     # Times that are told apart do not change places, nor does a time with what is none.

@@ -32,27 +32,27 @@ def certainty_of(
     own: FittedParameter,
     declared: EffectParameter,
     before: FitResult,
+    gain: float = 0.0,
 ) -> float:
     """How many standard errors a parameter of a law is off its null. A size counts by its ratio to a
     parameter of the model, too, where that cannot vanish: torques whose scale no sensor tells are as
     uncertain as this scale, each of them, and none of them is zero for that. Not by one to a parameter that
     was known `before` the law was there: the law then only takes its place, and their difference is all that
     is known. Nor the size of a law that changes the order of the model, whose ratios to other times are no
-    scales: its time counts by its product with another one that the data do not tell apart from it. Two equal
-    lags may change places, so that the slope of the likelihood over their difference is nothing and the
-    standard error of either is infinite, while the product, which vanishes with either, is certain. The bend
-    of a signal counts by its product with any parameter, known before or not: a thrust with the square of a
-    command has no other gain, and relative to that its bend may be anything, while the product is certain.
-    0 where nothing is known."""
+    scales; but where it may change places with another time, the likelihood ratio tells: of two equal lags
+    the slope over their difference is nothing and the standard error of either is infinite, while the model
+    without one of them may be out of the question. That ratio is of the `gain` in log-likelihood that the law
+    brings. The bend of a signal counts by its product with any parameter, known before or not: a thrust with
+    the square of a command has no other gain, and relative to that its bend may be anything, while the
+    product is certain. 0 where nothing is known."""
     null, error = declared.null or 0.0, own.std_error
     if error is None:
         return 0.0
     alone = abs(own.value - null) / error if error else np.inf
-    beside = (
-        1.0 / spread
-        for scale, spread in _beside_scales(candidate, told, own, declared)
-        if _is_by_product(candidate, declared) or not _is_blurred(scale, before)
-    )
+    scales = _beside_scales(candidate, told, own, declared)
+    if candidate.effect.is_dynamic:
+        return max(alone, *(float(np.sqrt(2.0 * max(gain, 0.0))) for _ in scales), 0.0)
+    beside = (1.0 / spread for scale, spread in scales if is_bend(declared) or not _is_blurred(scale, before))
     return max(alone, *beside, 0.0)
 
 
