@@ -761,7 +761,8 @@ def test_sensor_that_comes_to_its_limit_once_in_each_recording_is_seen_in_all_of
 def test_law_of_which_nothing_is_known_is_out_of_the_way_where_its_form_is_not_seen(monkeypatch):
     """A relaxation over days in a recording of minutes is an integral, and that a constant load."""
     said = "the recordings show too little of its form"
-    monkeypatch.setattr(proving, "not_determined", lambda *given: "the data determine none of its parameters")
+    vague = "the data determine none of its parameters"
+    monkeypatch.setattr(proving, "not_determined", lambda *_, **__: vague)
     _, vague = proved.__wrapped__()
     monkeypatch.setattr(proving, "without_form", lambda *given: said)
     _, formless = proved.__wrapped__()
@@ -915,6 +916,38 @@ def test_product_is_known_where_size_and_gain_lie_far_apart_in_two_fits():
     (size, scale) = lost.parameters
     scale = replace(scale, value=0.012, min=0.0)
     assert known_products(ratio, replace(lost, parameters=(size, scale))) == ()
+
+
+def test_of_two_equal_lags_the_likelihood_tells():
+    """0.15 ± 0.06 s twice, their product within 6 %: nobody knows which is which, and both are there."""
+    _, proof = proved()
+    own = f"{proof.candidate.name}.tau_c"
+    lag = replace(proof.candidate, effect=replace(proof.candidate.effect, is_dynamic=True))
+
+    def told(second, unit="N.m"):
+        fit = proof.fit
+        values = {own: {"value": 0.15, "std_error": 0.06}}
+        values["J"] = {"value": second, "std_error": 0.4 * second, "min": 0.0, "unit": unit}
+        parameters = tuple(replace(p, **values.get(p.name, {})) for p in fit.parameters)
+        i, j = (fit.correlation_names.index(name) for name in (own, "J"))
+        known = np.eye(len(fit.correlation_names))
+        known[i, j] = known[j, i] = -0.99
+        return replace(fit, parameters=parameters, correlation=known)
+
+    def certainty(fit, gain=50.0):
+        parameter = next(p for p in fit.parameters if p.name == own)
+        return certainty_of(lag, fit, parameter, lag.effect.sizes[0], proof.fit, gain)
+
+    assert certainty(told(0.16)) == pytest.approx(10.0)
+    assert not_determined(lag, told(0.16), proof.fit, gain=50.0) == ""
+    # Their sum may be all that is known, which fixes the product of equal ones besides: one lag would do.
+    assert certainty(told(0.16), gain=2.0) == pytest.approx(2.5)
+    assert not_determined(lag, told(0.16), proof.fit, gain=2.0) != ""
+    (product,) = known_products(lag, told(0.16))
+    assert (product.name, product.unit, product.value) == ("tau_c*J", "N2.m2", pytest.approx(0.024))
+    # Times that are told apart do not change places, nor does a time with what is none.
+    assert certainty(told(0.6)) == pytest.approx(2.5)
+    assert certainty(told(0.16, "kg.m2")) == pytest.approx(2.5)
 
 
 def test_a_place_or_a_phase_is_not_known_by_being_off_zero():

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -38,6 +39,15 @@ def test_inputs_that_act_as_they_are_recorded_gain_nothing(case, hold):
     """Taken on straight lines the held inputs come half a sample early, and a whole one is further off."""
     flat, experiment = case
     assert gain_of_earlier_inputs(fit_null(flat, load_sites(flat), [experiment], hold)) == 0.0
+
+
+@pytest.mark.parametrize(("gain", "told"), [(3.0, 0.0), (30.0, 30.0), (-3.0, 0.0)])
+def test_inputs_are_late_where_that_is_clearly_likelier(case, monkeypatch, gain, told):
+    flat, experiment = case
+    null = fit_null(flat, load_sites(flat), [experiment], "foh")
+    end = SimpleNamespace(fit=replace(null.fit, log_likelihood=null.fit.log_likelihood + gain))
+    monkeypatch.setattr("daest.diagnosis.recorded_late.refitted", lambda *_, **__: end)
+    assert gain_of_earlier_inputs(null) == pytest.approx(told)
 
 
 def test_the_last_inputs_act_to_the_end(case):

@@ -10,7 +10,7 @@ import pytest
 from daest.diagnosis import course as course_module
 from daest.diagnosis import stages as stages_module
 from daest.diagnosis import trials as trials_module
-from daest.diagnosis.course import Course, _by_states
+from daest.diagnosis.course import Course, _by_states, _left
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.stages import DynamicTasks, Stages, _has_fallen_short
@@ -42,6 +42,24 @@ def test_laws_with_states_come_second() -> None:
     assert _by_states([slow, quick, other]) == ([quick], [slow, other])
     assert _by_states([slow, other]) == ([slow], [other])
     assert _by_states([]) == ([], [])
+
+
+def test_what_the_loads_stand_for_is_not_refitted_again() -> None:
+    def placed(name: str, place: str, alike: tuple[str, ...] = ()) -> Any:
+        def candidate(at: str) -> Any:
+            return SimpleNamespace(effect=SimpleNamespace(class_name=name), site=SimpleNamespace(name=at))
+
+        trial = SimpleNamespace(candidate=candidate(place), alike=tuple(candidate(at) for at in alike))
+        return SimpleNamespace(trial=trial, candidate=trial.candidate)
+
+    leak, other, elsewhere = (
+        placed("Leakage", "cap"),
+        placed("Gain", "cap"),
+        placed("Leakage", "coil", ("y",)),
+    )
+    assert _left([leak, other, elsewhere], [placed("Leakage", "cap")]) == [other, elsewhere]
+    assert _left([leak, other, elsewhere], [placed("Leakage", "y")]) == [leak, other]
+    assert _left([leak], []) == [leak]
 
 
 def test_effect_that_leaves_little_of_the_simulation_leads() -> None:

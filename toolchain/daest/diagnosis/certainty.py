@@ -32,24 +32,27 @@ def certainty_of(
     own: FittedParameter,
     declared: EffectParameter,
     before: FitResult,
+    gain: float = 0.0,
 ) -> float:
     """How many standard errors a parameter of a law is off its null. A size counts by its ratio to a
     parameter of the model, too, where that cannot vanish: torques whose scale no sensor tells are as
     uncertain as this scale, each of them, and none of them is zero for that. Not by one to a parameter that
     was known `before` the law was there: the law then only takes its place, and their difference is all that
     is known. Nor the size of a law that changes the order of the model, whose ratios to other times are no
-    scales. The bend of a signal counts by its product with any parameter, known before or not: a thrust
-    with the square of a command has no other gain, and relative to that its bend may be anything, while the
+    scales; but where it may change places with another time, the likelihood ratio tells: of two equal lags
+    the slope over their difference is nothing and the standard error of either is infinite, while the model
+    without one of them may be out of the question. That ratio is of the `gain` in log-likelihood that the law
+    brings. The bend of a signal counts by its product with any parameter, known before or not: a thrust with
+    the square of a command has no other gain, and relative to that its bend may be anything, while the
     product is certain. 0 where nothing is known."""
     null, error = declared.null or 0.0, own.std_error
     if error is None:
         return 0.0
     alone = abs(own.value - null) / error if error else np.inf
-    beside = (
-        1.0 / spread
-        for scale, spread in _beside_scales(candidate, told, own, declared)
-        if is_bend(declared) or not _is_blurred(scale, before)
-    )
+    scales = _beside_scales(candidate, told, own, declared)
+    if candidate.effect.is_dynamic:
+        return max(alone, *(float(np.sqrt(2.0 * max(gain, 0.0))) for _ in scales), 0.0)
+    beside = (1.0 / spread for scale, spread in scales if is_bend(declared) or not _is_blurred(scale, before))
     return max(alone, *beside, 0.0)
 
 
@@ -69,7 +72,7 @@ def known_products(candidate: Candidate, told: FitResult) -> tuple[KnownProduct,
         ]
         if beside:
             spread, scale = min(beside, key=lambda one: one[0])
-            found.append(_product(own, scale, spread, 1 if is_bend(size) else -1))
+            found.append(_product(own, scale, spread, 1 if _is_by_product(candidate, size) else -1))
     return tuple(found)
 
 
@@ -89,6 +92,11 @@ def is_bend(declared: EffectParameter) -> bool:
     return declared.signal_unit == "1/u"
 
 
+def _is_by_product(candidate: Candidate, declared: EffectParameter) -> bool:
+    """Whether a size counts by its product with a parameter of the model, and not by their ratio."""
+    return is_bend(declared) or candidate.effect.is_dynamic
+
+
 def bends(candidate: Candidate) -> bool:
     """Whether a law is a bend of its signal: at a place along it, or everywhere. A dead zone is not, whose
     one side is an offset."""
@@ -99,9 +107,12 @@ def _beside_scales(
     candidate: Candidate, told: FitResult, own: FittedParameter, declared: EffectParameter
 ) -> Iterator[tuple[FittedParameter, float]]:
     """The parameters of the model that cannot vanish, each with the standard error of the logarithm of its
-    ratio to a size; for a bend all of them, with that of their product: a gain may vanish beside it."""
-    if declared.role != "size" or declared.null or candidate.effect.is_dynamic or not own.value:
+    ratio to a size; for a bend all of them, with that of their product: a gain may vanish beside it. For a
+    law that changes the order of the model those that the data do not tell apart from it, with that of their
+    product."""
+    if declared.role != "size" or declared.null or not own.value:
         return
+    power = 1.0 if _is_by_product(candidate, declared) else -1.0
     names, cov = told.covariance()
     known = dict(zip(names, range(len(names)), strict=True))
     for p in told.parameters if own.name in known else ():
@@ -110,7 +121,8 @@ def _beside_scales(
         cannot_vanish = p.min is not None and p.min >= 0.0 < p.value
         if not cannot_vanish and not (is_bend(declared) and p.value):
             continue
-        power = 1 if is_bend(declared) else -1
+        if candidate.effect.is_dynamic and not _may_change_places(own, p):
+            continue
         both = [known[own.name], known[p.name]]
         relative = np.array([1.0 / own.value, power / p.value])
         relative = relative * _without_choice(told, own, p)
@@ -129,7 +141,7 @@ def _without_choice(told: FitResult, *parameters: FittedParameter) -> np.ndarray
     return np.sqrt(np.clip(1.0 - (of_choice / np.where(whole > 0.0, whole, np.inf)) ** 2, 0.0, None))
 
 
-def _of_choice(told: FitResult, own: FittedParameter, scale: FittedParameter, power: int) -> float:
+def _of_choice(told: FitResult, own: FittedParameter, scale: FittedParameter, power: float) -> float:
     """What the choice beside another estimate adds to the relative standard error of a product (power 1) or
     a ratio (-1)."""
     if told.choice is None:
@@ -139,6 +151,14 @@ def _of_choice(told: FitResult, own: FittedParameter, scale: FittedParameter, po
         return np.inf
     other = told.choice.beside[own.name] * there**power
     return told.choice.share * abs(1.0 - other / (own.value * scale.value**power))
+
+
+def _may_change_places(own: FittedParameter, other: FittedParameter) -> bool:
+    """Whether two times are one within the standard error of either."""
+    errors = own.std_error, other.std_error
+    return own.unit == other.unit and all(
+        error is not None and abs(own.value - other.value) <= error for error in errors
+    )
 
 
 def _is_blurred(parameter: FittedParameter, before: FitResult) -> bool:

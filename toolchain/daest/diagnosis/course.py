@@ -161,16 +161,19 @@ class Course:
             proofs += stages.proved(rest, proofs)[0]
             rest = []
         proofs = stages.proved(dynamic, proofs)[0] + proofs
+        said: list[Proof] = []
         if leader_of(proofs) is None:
-            said = said_by_loads(null, self.loads.run, found)
-            proofs += stages.proved(stages.prepared(_untried(said, [p.candidate for p in proofs])), proofs)[0]
+            accounting = said_by_loads(null, self.loads.run, found)
+            untried = _untried(accounting, [p.candidate for p in proofs])
+            said = stages.proved(stages.prepared(untried), proofs)[0]
+            proofs += said
         if not is_settled(ranked(proofs)):
             dead_times = _untried(late.dead_times, [proof.candidate for proof in proofs])
             proofs = stages.proved(stages.prepared(dead_times), proofs)[0] + proofs
         self.watched(ranked(proofs))
         best = best_accepted(ranked(proofs))
         others = [*chosen[max(FIRST_TRIALS, n_first) :], *not_begun_by(best, richer)]
-        rest += [p for p in others if could_compete(p.trial, best, found)]
+        rest += [p for p in _left(others, said) if could_compete(p.trial, best, found)]
         proofs += stages.proved(rest, proofs)[0]
         return fits, stages.second_tries(proofs, found)
 
@@ -265,6 +268,11 @@ def _takes_most(best: Proof, before: FitResult) -> bool:
 def _untried(trials: Sequence[Trial], tried: Sequence[Candidate]) -> list[Trial]:
     """The trials but those of laws that are tried already."""
     return [trial for trial in trials if not any(is_same(trial, candidate) for candidate in tried)]
+
+
+def _left(prepared: Sequence[Prepared], said: Sequence[Proof]) -> list[Prepared]:
+    """The prepared trials but those of laws that were refitted as what the loads stand for."""
+    return [one for one in prepared if _untried([one.trial], [proof.candidate for proof in said])]
 
 
 def _by_states(chosen: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:

@@ -18,6 +18,7 @@ from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.faulty import EMPTY, faults_told
 from daest.diagnosis.free_forms import free_forms, keep_forms
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.held_values import other_value
 from daest.diagnosis.learned import learned_load, said, with_formula
 from daest.diagnosis.load_starts import starts_from_nowhere
 from daest.diagnosis.next_experiment import Asked, computed
@@ -33,7 +34,7 @@ from daest.diagnosis.unseen import innovations
 from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult
+from daest.model.fit import FitResult, error_ratios
 from daest.modelica.attach import names_of
 from daest.modelica.sites import sites_left, unused_inputs
 from daest.numerics.deadline import OutOfTimeError, until
@@ -138,6 +139,8 @@ def _examined(
         is_whole = is_whole and is_in_time
         decided = verdicts.decide(replace(evidence, proofs=proofs))
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
+    decided, beside_values = _with_values(stand, run, decided, options, progress)
+    message += beside_values
     if decided.name not in ("supported", "nothing missing"):
         message += _said_of_inputs(null, stand.told) + verdicts.nearest_in_pieces(decided.proofs)
     faults = "" if decided.name in EXPLAINED else faults_told((*null.experiments, *stand.validation))
@@ -207,6 +210,31 @@ class _Beside:
 def _quiet_forms(null: Null, run: NullObserver) -> tuple[FreeForm, ...]:
     with quiet():
         return free_forms(null, run)
+
+
+def _with_values(
+    stand: Stand, run: NullObserver, decided: verdicts.Decided, options: DiagnoseOptions, progress: Progress
+) -> tuple[verdicts.Decided, str]:
+    """What was decided, and a sentence on a value that the model holds, of which another one says as much as
+    the law that was found, or comes near where none was; empty where none does."""
+    if decided.name in ("nothing missing", "parameters off") or options.is_over:
+        return decided, ""
+    progress("estimating what the model holds")
+    other = None
+    with suppress(OutOfTimeError), until(options.until):
+        other = other_value(stand, run)
+    if other is None:
+        return decided, ""
+    advice = f"estimate it (--estimate {other.parameter.name})"
+    law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
+    if law is None:
+        near = f" Another value of {other.text}, comes near: {advice}."
+        return decided, near if other.says_much else ""
+    if not other.says_as_much_as(law, error_ratios(stand.told.simulated, law.told.simulated)):
+        return decided, ""
+    told = replace(law, instead=other.text)
+    decided = replace(decided, proofs=tuple(told if p is law else p for p in decided.proofs))
+    return decided, f" Another value of {other.text}, says as much: {advice} before an effect is believed."
 
 
 def _said_of_inputs(null: Null, told: FitResult) -> str:

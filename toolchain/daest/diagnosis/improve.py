@@ -358,7 +358,8 @@ def _remark(proof: Proof) -> str:
     inside = [proof.inside] if proof.inside and proof.inside not in proof.not_separable_from else []
     others, same = ", ".join([*proof.not_separable_from, *inside]), ", ".join(proof.same_as)
     said = f"not separable from {others}" if others else "supported"
-    return f"{said}, and the same equation as {same}" if same else said
+    said = f"{said}, and the same equation as {same}" if same else said
+    return f"{said}; another value of {proof.instead}, says as much" if proof.instead else said
 
 
 def _noted(path: _Path, grown: _Path) -> _Path:
@@ -396,7 +397,8 @@ def _refitted(path: _Path, stand: Stand, remark: str) -> _Path:
     says; and that nothing is known of the sizes in that fit, where it is so."""
     last = path.steps[-1]
     assert last.proof is not None
-    if not_determined(last.proof.candidate, stand.told, path.steps[-2:][0].fit):
+    before, gain = path.steps[-2:][0].fit, last.proof.delta_log_likelihood
+    if not_determined(last.proof.candidate, stand.told, before, gain=gain):
         remark += ", with which the data determine none of its parameters"
     proof = replace(last.proof, flat=stand.null.flat, fit=stand.baseline, final=stand.told)
     step = replace(last, proof=proof, fit=stand.told, remark=f"{last.remark}; {remark}")
@@ -547,9 +549,10 @@ def _uncertain(steps: Sequence[Step], fit: FitResult) -> list[int]:
             continue
         candidate = step.proof.candidate
         now = [(p, sizes.get(f"{candidate.name}.{p.name}")) for p in candidate.effect.sizes]
-        before = steps[number - 1].fit
+        before, gain = steps[number - 1].fit, step.proof.delta_log_likelihood
         if all(
-            one is None or certainty_of(candidate, fit, one, p, before) < GATES.still_needed for p, one in now
+            one is None or certainty_of(candidate, fit, one, p, before, gain) < GATES.still_needed
+            for p, one in now
         ):
             found.append(number)
     return found

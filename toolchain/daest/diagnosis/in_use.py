@@ -112,7 +112,7 @@ def _in_open_loop(stand: Stand, reference: Reference, prepared: Prepared, fit: F
     candidate = prepared.trial.candidate
     null = replace(stand.null, experiments=fed(stand.null.experiments, candidate))
     used = used_by(null, prepared, fit, fed(stand.validation, candidate), reference)
-    is_known = not not_determined(candidate, fit, reference.fit)
+    is_known = not not_determined(candidate, fit, reference.fit, gain=used.gain)
     n_own = prepared.n_unknowns(null.estimated)
     return InOpenLoop(prepared, fit, used, n_own, is_known)
 

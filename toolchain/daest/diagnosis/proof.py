@@ -235,7 +235,7 @@ class _Judge:
         told = self._unlikely() or self._in_brief() or self._gated()
         left = None if told.reason else _left(self.null, self.with_effect, self.observer)
         reason, near, too_short = (told.reason, "", "") if left is None else self._against_rest(told, left)
-        vague = told.vague or not_determined(candidate, told.final or told.fit, self._before)
+        vague = told.vague or not_determined(candidate, told.final or told.fit, self._before, gain=found.gain)
         return Proof(
             candidate=candidate,
             flat=self.prepared.flat.with_theta(told.fit.theta),
@@ -339,7 +339,7 @@ class _Judge:
         ratios = tuple(
             error_ratios((reference.fit if reference else self.null_fit).simulated, last.simulated)
         )
-        vague = not_determined(candidate, last, self._before)
+        vague = not_determined(candidate, last, self._before, gain=self.found.gain)
         gone = against or vanished(candidate, last)
         # A time constant of which the recordings show nothing is an integral and stands for a constant load.
         unseen_form = "" if gone else without_form(self.with_effect, candidate, last)
@@ -348,7 +348,7 @@ class _Judge:
             unseen_form = beyond_recordings(self.with_effect, candidate, last)
             is_open = not is_history(self.fed.experiments, candidate, last)
         reason = gone or unseen_form or vague
-        reason = reason or weak(prepared, final if is_shown and final else fit, self._before)
+        reason = reason or weak(prepared, final if is_shown and final else fit, self._before, self.found.gain)
         alone = grown(self.fed, prepared.flat, explicit, last, self.found.experiments)
         reason = reason or undriven(alone) or _of_its_start(self.null, alone, candidate, reference)
         reason = reason or _of_levels(self.fed, prepared, explicit, final, self.validation, reference)
@@ -550,10 +550,10 @@ def by_simulation(
     is_shown = speaks_for(used, n_own) or (accepted is not None and says_more_in_use(used, accepted.in_use))
     refused = not is_shown or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
     candidate = prepared.trial.candidate
-    refused = refused or bool(weak(prepared, found, reference.fit))
+    refused = refused or bool(weak(prepared, found, reference.fit, used.gain))
     # That the simulation is better by more than chance speaks for a kink at a place that is hardly known.
     least = GATES.min_significance
-    refused = refused or bool(not_determined(prepared.trial.candidate, found, reference.fit, least))
+    refused = refused or bool(not_determined(candidate, found, reference.fit, least, used.gain))
     model = grown(null, prepared.flat, explicit, found, null.experiments)
     refused = refused or bool(undriven(model))
     refused = refused or bool(without_form(model, candidate, found))

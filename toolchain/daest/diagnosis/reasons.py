@@ -79,8 +79,9 @@ def without_evidence(gain: float, delta_bic: float, p_value: float, n_screened: 
     return ""
 
 
-def weak(prepared: Prepared, fit: FitResult, before: FitResult) -> str:
-    """Why its shape or its sizes prove nothing; empty where they do. `before` is the fit without the law."""
+def weak(prepared: Prepared, fit: FitResult, before: FitResult, gain: float = 0.0) -> str:
+    """Why its shape or its sizes prove nothing; empty where they do. `before` is the fit without the law, the
+    `gain` in log-likelihood what the law brings."""
     candidate = prepared.trial.candidate
     found = {p.name: p for p in fit.parameters}
     for shape in (p for p in candidate.effect.parameters if p.role == "shape"):
@@ -101,7 +102,7 @@ def weak(prepared: Prepared, fit: FitResult, before: FitResult) -> str:
         # Beside estimated shapes a size alone tells little: there the likelihood ratio has spoken.
         shares = sum(p.estimate for p in candidate.effect.parameters) > len(candidate.effect.sizes)
         least = GATES.min_dynamic_significance if candidate.is_dynamic else GATES.min_significance
-        certainty = certainty_of(candidate, fit, size, parameter, before)
+        certainty = certainty_of(candidate, fit, size, parameter, before, gain)
         reason = _weak_size(size, parameter.null or 0.0, 0.0 if shares else least, certainty)
         if not reason:
             return ""
@@ -129,13 +130,15 @@ def not_determined(
     told: FitResult,
     before: FitResult,
     least_of_place: float = GATES.min_place_significance,
+    gain: float = 0.0,
 ) -> str:
     """Why the law is not the one that the data show, where they determine none of its parameters: it then
     stands for any law that does the same in these data. Empty where at least one of them is known. A phase
     says nothing alone: half a turn of it is another sign of the size; nor does a ratio, such as the damping
     of what swings with an unknown mass and period, nor the time constant of a store of no size, which
     does what its own start does. `before` is the fit without the law, `least_of_place` how
-    many standard errors a place stands off zero where it is known."""
+    many standard errors a place stands off zero where it is known, and the `gain` in log-likelihood what the
+    law brings."""
     # Of a mass that swings, the period is seen; a wall may be at any temperature when the recording begins.
     stores = bool(candidate.effect.n_states) and not needs_position(candidate.effect.domain)
     roles = ("size",) if stores else ("size", "shape")
@@ -149,7 +152,7 @@ def not_determined(
         told_value(p)
         for p in own
         if not _is_known(
-            p, law[p.name], certainty_of(candidate, told, p, law[p.name], before), least_of_place
+            p, law[p.name], certainty_of(candidate, told, p, law[p.name], before, gain), least_of_place
         )
     ]
     if not own or len(unknown) < len(own):
@@ -351,9 +354,14 @@ def told_value(parameter: FittedParameter) -> str:
 
 
 def _told(name: str, one: FittedParameter | KnownProduct) -> str:
+    return f"{name} = {told_number(one)}"
+
+
+def told_number(one: FittedParameter | KnownProduct) -> str:
+    """A value with its uncertainty and unit, as messages tell it."""
     error = "" if one.std_error is None else f" ± {one.std_error:.2g}"
     unit = "" if one.unit == "1" else one.unit
-    return f"{name} = {one.value:.4g}{error} {unit}".rstrip()
+    return f"{one.value:.4g}{error} {unit}".rstrip()
 
 
 def told_values(proof: Proof) -> str:

@@ -23,8 +23,9 @@ from daest.model.holds import ZOH
 
 def gain_of_earlier_inputs(null: Null) -> float:
     """What the log-likelihood of the model as it is gains where its inputs act one sample before they are
-    recorded; 0.0 where that is not likelier. Inputs that are held and a sample late are straight lines half a
-    sample late, which are nearer: where held ones are, nothing is late."""
+    recorded; 0.0 where that is not likelier by as much as settles how inputs are held. Inputs that are held
+    and a sample late are straight lines half a sample late, which are nearer: where held ones are, nothing is
+    late."""
     is_coarse = null.other_experiments is not None
     if null.hold == ZOH or is_coarse or not moving_inputs(null.experiments, null.flat.input_names):
         return 0.0
@@ -33,7 +34,8 @@ def gain_of_earlier_inputs(null: Null) -> float:
         earlier = replace(null, experiments=ahead, hold=ZOH)
         least = null.fit.log_likelihood + GATES.min_hold_gain
         fit = refitted(null.flat, null.explicit, null.estimated, earlier, hopeless=least, least=least).fit
-        return max(fit.log_likelihood - null.fit.log_likelihood, 0.0)
+        # The search ends early where it gains too little, not where it gains nothing.
+        return fit.log_likelihood - null.fit.log_likelihood if fit.log_likelihood >= least else 0.0
     return 0.0
 
 

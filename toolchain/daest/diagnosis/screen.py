@@ -704,6 +704,41 @@ def scored(
     return Screen(found, between, p_value, len(candidates), skipped)
 
 
+@dataclass(frozen=True)
+class ScoredValue:
+    """A parameter of the model that is not estimated: the magnitude of the score of another value, its
+    p-value corrected for their number, and others of them whose values do the same to the innovations."""
+
+    name: str
+    score: float
+    p_value: float
+    alike: tuple[str, ...] = ()
+
+
+def value_scores(null: Null, run: NullObserver, names: Sequence[str]) -> list[ScoredValue]:
+    """How much another value of each of the parameters would show, most first. Nothing where estimated
+    parameters and other loads do the same."""
+    responses = _responses_to(null, run, null.explicit, sizes_of(null.explicit, names))
+    directions = nuisance(run, len(null.estimated))
+    rest, share = projected(responses, directions)
+    only_rescales = projected(responses, np.vstack([directions, loads_rescaled(null, run)]))[1]
+    norms = np.linalg.norm(rest, axis=1)
+    seen = (np.minimum(share, only_rescales) >= GATES.absorbed_share) & (norms > 0.0)
+    unit = np.where(seen[:, None], rest / np.where(norms > 0.0, norms, 1.0)[:, None], 0.0)
+    z = np.where(seen, np.abs(unit @ run.whitened) / spread_under(run.whitened)(unit), 0.0)
+    same = np.abs(unit @ unit.T) > GATES.same_place_correlation
+    found = [
+        ScoredValue(
+            name,
+            float(z[i]),
+            float(min(1.0, 2.0 * len(names) * norm.sf(z[i]))),
+            tuple(other for j, other in enumerate(names) if j != i and same[i, j]),
+        )
+        for i, name in enumerate(names)
+    ]
+    return sorted(found, key=lambda one: -one.score)
+
+
 def promising_pairs(found: Screen) -> list[tuple[Screened, Screened]]:
     """Pairs of candidates of one size each whose joint score says much more than any of all candidates alone,
     and more than a search over all pairs finds by chance; the best first.

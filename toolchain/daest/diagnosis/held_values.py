@@ -1,0 +1,94 @@
+"""Values that the model holds, of which another one would say what an effect says.
+
+Resistances, masses and gains that were looked up are off, and an effect that does the same as another value
+would stand for that: the leakage of a capacitor for the resistance of a coil. The innovations tell what such
+a value would do to them, as they do of the size of an effect; the one that shows most is estimated, and
+judged on the terms of a refitted effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.null import refit
+from daest.diagnosis.proof import bic_gain
+from daest.diagnosis.reasons import told_number
+from daest.diagnosis.screen import NullObserver, value_scores
+from daest.diagnosis.settled import FAILURES
+from daest.diagnosis.stand import Stand, reference_of
+from daest.model.diagnosis import Proof
+from daest.model.fit import FittedParameter, error_ratios
+
+
+@dataclass(frozen=True)
+class OtherValue:
+    """A parameter that is held at the value `held`, as it was estimated: the gain in BIC over the null, and
+    the errors of simulated unseen data to those of the model as it is. Other values of those `alike` do the
+    same."""
+
+    parameter: FittedParameter
+    held: float
+    delta_bic: float
+    ratios: tuple[float, ...]
+    alike: tuple[str, ...] = ()
+
+    def says_as_much_as(self, law: Proof, law_ratios: Sequence[float]) -> bool:
+        """Whether it is an answer beside an accepted law: as likely, or less so where the law simulates
+        unseen data with more error (as of two laws)."""
+        if not self.ratios or self.delta_bic < GATES.min_bic_gain:
+            return False
+        pairs = list(zip(self.ratios, law_ratios, strict=False))
+        if self.delta_bic >= law.delta_bic - GATES.same_bic:
+            return all(own * GATES.max_rival_error <= other for own, other in pairs)
+        return bool(pairs) and all(own < GATES.max_rival_error * other for own, other in pairs)
+
+    @property
+    def says_much(self) -> bool:
+        """Whether it is the nearest answer where no law is accepted: unseen data are simulated clearly
+        better."""
+        is_better = bool(self.ratios) and max(self.ratios) < GATES.max_clear_ratio
+        return is_better and self.delta_bic >= GATES.min_bic_gain
+
+    @property
+    def text(self) -> str:
+        """What it is, and what it was."""
+        unit = "" if self.parameter.unit == "1" else self.parameter.unit
+        held = f"{self.held:.4g} {unit}".rstrip()
+        told = f"`{self.parameter.name}`, {told_number(self.parameter)} instead of the {held} that is given"
+        others = " or ".join(f"`{name}`" for name in self.alike)
+        return f"{told} (or of {others}, which the sensors see alike)" if others else told
+
+
+def other_value(stand: Stand, run: NullObserver) -> OtherValue | None:
+    """The held value that shows most in the innovations, estimated; None where none shows, another one cannot
+    be estimated, or is not certainly another."""
+    null = stand.null
+    tied = {name for names in stand.tied for name in names}
+    names = [p.name for p in stand.declared.parameters if not (p.estimate or p.is_memory or p.name in tied)]
+    if not names or stand.reference is None or stand.reference.adds_up:
+        return None
+    first = value_scores(null, run, names)[0]
+    if first.p_value >= GATES.screen_level:
+        return None
+    name = first.name
+    held = next(p.value for p in null.flat.parameters if p.name == name)
+    try:
+        found = refit(null.flat, null.explicit, (*null.estimated, name), null, validation=stand.validation)
+        freed = replace(
+            null, fit=replace(null.fit, parameters=(*null.fit.parameters, *found.parameters[-1:]))
+        )
+        after = reference_of(freed, found, stand.validation)
+    except FAILURES:
+        return None
+    if after is None:
+        return None
+    told = next((p for p in after.fit.parameters if p.name == name), None)
+    if told is None or not told.std_error or told.at_bound:
+        return None
+    if abs(told.value - held) < GATES.min_significance * told.std_error:
+        return None
+    gain = found.log_likelihood - stand.baseline.log_likelihood
+    ratios = error_ratios(stand.told.simulated, after.fit.simulated)
+    return OtherValue(told, held, bic_gain(gain, 1, null), tuple(ratios), first.alike)
