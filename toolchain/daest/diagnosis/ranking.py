@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import starmap
 
 import numpy as np
 
@@ -202,15 +203,30 @@ def _place(best: Proof, proof: Proof) -> tuple[bool, float, int, float]:
 def _is_same_equation(one: Proof, other: Proof) -> bool:
     """Whether two laws do the same under two names: as a heat flow into a node and a gain in proportion to
     it; or as an offset and a dead zone of which the recordings show one side alone. Two searches for one end
-    a little apart."""
-    values, others = (_values_of_model(p) for p in (one, other))
+    a little apart beside the loads, and without these at the same values, with sizes that are as certain."""
     apart = abs(one.delta_log_likelihood - other.delta_log_likelihood)
-    if apart > max(GATES.same_equation, GATES.same_equation_share * other.delta_log_likelihood):
+    if apart <= GATES.same_equation:
+        return _has_same_values(one, other)
+    if apart > GATES.same_equation_share * other.delta_log_likelihood:
         return False
+    one, other = (replace(p, fit=p.told) for p in (one, other))
+    sizes = list(zip(_own_sizes(one), _own_sizes(other), strict=False))
+    return bool(sizes) and _has_same_values(one, other) and all(starmap(_are_as_certain, sizes))
+
+
+def _has_same_values(one: Proof, other: Proof) -> bool:
+    """Whether two laws with as many sizes leave the parameters of the model where they are."""
+    values, others = (_values_of_model(p) for p in (one, other))
     return len(_own_sizes(one)) == len(_own_sizes(other)) and all(
         abs(a.value - b.value) <= GATES.same_equation * (a.std_error or 0.0)
         for a, b in zip(values, others, strict=True)
     )
+
+
+def _are_as_certain(a: FittedParameter, b: FittedParameter) -> bool:
+    """Whether two sizes, each in its own unit, are as many standard errors off zero."""
+    one, other = (abs(p.value) / p.std_error if p.std_error else 0.0 for p in (a, b))
+    return abs(one - other) <= GATES.same_equation * max(one, other)
 
 
 def _is_same_beside_a_load(richer: Proof, simple: Proof) -> bool:
