@@ -180,23 +180,31 @@ def law(
     ("proofs", "wanted"),
     [
         # Refused beside loads and never simulated, and never refitted: both lead the screen in open loop.
-        ([law("friction")], ["friction", "dead zone"]),
+        ([law("friction")], ["load", "friction", "dead zone"]),
         # What a simulation was asked for is not asked again.
-        ([law("friction", judged=80.0)], ["dead zone"]),
+        ([law("friction", judged=80.0)], ["load", "dead zone"]),
         # What is accepted and takes most of the error of unseen data ends it; with less it does not, and
         # neither do laws that are not told apart.
         ([law("outlet", 0.6, verdict="supported")], None),
-        ([law("outlet", 0.8, verdict="supported"), law("friction")], ["friction", "dead zone"]),
-        ([law("outlet", 0.6, verdict="not separable"), law("dead zone", 0.6, 9.0)], ["friction"]),
+        ([law("outlet", 0.8, verdict="supported"), law("friction")], ["load", "friction", "dead zone"]),
+        ([law("outlet", 0.6, verdict="not separable"), law("dead zone", 0.6, 9.0)], ["load", "friction"]),
         # What is accepted by its simulation alone has its rivals there.
-        ([law("friction", 0.6, 9.0, "supported", by_use=True)], ["dead zone"]),
+        ([law("friction", 0.6, 9.0, "supported", by_use=True)], ["load", "dead zone"]),
+        # A constant that was simulated is not, either.
+        ([law("load", judged=5.0)], ["friction", "dead zone"]),
     ],
 )
 def test_leaders_in_open_loop_are_simulated_where_much_is_left(
     monkeypatch: Any, proofs: Any, wanted: Any
 ) -> None:
-    leaders = [SimpleNamespace(candidate=SimpleNamespace(label=name)) for name in ("friction", "dead zone")]
-    monkeypatch.setattr(course_module, "trials", lambda *_: leaders)
+    every = [
+        SimpleNamespace(candidate=SimpleNamespace(label=name, effect=name))
+        for name in ("friction", "dead zone", "load", "spring")
+    ]
+    leaders = every[:2]
+    # A constant comes first, though the screen in open loop cannot tell it.
+    monkeypatch.setattr(course_module, "trials", lambda _, level, __: leaders if level < 1.0 else every)
+    monkeypatch.setattr(course_module, "adds_a_constant", lambda effect: effect == "load")
     monkeypatch.setattr(course_module, "is_same", lambda one, other: one.candidate.label == other.label)
     monkeypatch.setattr(course_module, "ranked", lambda given: given)
     monkeypatch.setattr(Course, "_is_open", lambda *_: True)

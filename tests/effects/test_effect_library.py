@@ -9,7 +9,13 @@ import pytest
 from effect_rig import label
 
 from daest.errors import ModelError
-from daest.modelica.effects import effect_library, effect_model, find_effect, find_effects
+from daest.modelica.effects import (
+    adds_a_constant,
+    effect_library,
+    effect_model,
+    find_effect,
+    find_effects,
+)
 from daest.modelica.library import library_root
 from daest.quantities import parse_unit
 
@@ -148,6 +154,17 @@ equation
   annotation(__Daest(effect = true, attach = "connector", law = "tau = -k*w*|w|"));
 end WindLoad;
 """
+
+
+def test_loads_and_offsets_add_a_constant() -> None:
+    """Not what depends on where or how fast the machine is, on the time, or on the law's own signal."""
+    found = {package(effect) + "." + effect.name for effect in effect_library() if adds_a_constant(effect)}
+    assert found == {
+        "Rotational.ConstantLoad",
+        "Translational.ConstantLoad",
+        "Thermal.ConstantHeatGain",
+        "Signals.Offset",
+    }
 
 
 def written(folder: Path, text: str) -> Path:

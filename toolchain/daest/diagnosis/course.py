@@ -56,10 +56,12 @@ from daest.diagnosis.trials import Prepared, Trial, clipping_trials, trials
 from daest.model.diagnosis import Candidate, Proof, Screen, Unproved
 from daest.model.effects import Effect
 from daest.model.fit import FitResult, error_ratios
+from daest.modelica.effects import adds_a_constant
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers
 
 MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve over some variable
+MOST_CONSTANTS = 2  # loads and offsets, of all that are simulated in the end
 FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the first is not supported
 
 
@@ -233,8 +235,9 @@ class Course:
 
     def _with_leaders_in_use(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with those that lead the screen in open loop and that a simulation shows, where what is
-        accepted leaves much of its error: a load that takes any course leaves no dead zone of a pump anything
-        to do, nor dry friction."""
+        accepted leaves much of its error: a load that takes any course leaves no dead zone of a pump
+        anything to do, nor dry friction. Constants come first, which no screen of errors that last can tell:
+        they count as one sample there."""
         reference, used = self.stand.reference, self.screens[1]
         if used is None or reference is None or reference.simulated is None or self.options.is_over:
             return proofs
@@ -244,8 +247,12 @@ class Course:
         if best is not None and _takes_most(best, reference.fit):
             return proofs
         leaders = trials(used, GATES.in_use_level, len(used.entries))
+        every = trials(used, 1.0, len(used.entries))
+        constants = [trial for trial in every if adds_a_constant(trial.candidate.effect)][:MOST_CONSTANTS]
+        others = [trial for trial in leaders if not adds_a_constant(trial.candidate.effect)]
         judged = [p.candidate for p in proofs if p.verdict != "rejected" or p.in_use.n_independent]
-        return stages.shown_by_leaders(self.stand, _untried(leaders, judged)[:MOST_IN_PIECES], proofs)
+        wanted = _untried([*constants, *others], judged)
+        return stages.shown_by_leaders(self.stand, wanted[:MOST_IN_PIECES], proofs)
 
     def _is_open(self, proofs: Sequence[Proof]) -> bool:
         """Whether no law is accepted, something is left to explain, and there is time for it."""

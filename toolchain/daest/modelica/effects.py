@@ -171,6 +171,16 @@ def effect_model(effect: Effect, across: bool = False) -> EffectModel:
     return entry.model
 
 
+def adds_a_constant(effect: Effect) -> bool:
+    """Whether a constant is all that an effect adds, whatever anything does: a load, a zero that is off."""
+    if len(effect.parameters) != 1 or not effect.sizes:
+        return False
+    derivatives, xi, w, theta, time = effect_model(effect).function.sx_in()
+    residual = effect_model(effect).function(derivatives, xi, w, theta, time)[0]
+    slope = ca.jacobian(residual, theta)
+    return not ca.depends_on(slope, ca.veccat(derivatives, xi, w, theta, time))
+
+
 def _names(libraries: Sequence[str | Path]) -> tuple[str, ...]:
     return tuple(str(Path(folder).expanduser().resolve()) for folder in libraries)
 
