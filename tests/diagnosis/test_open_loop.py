@@ -14,9 +14,11 @@ from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import fit_null
 from daest.diagnosis.open_loop import (
     Simulated,
+    _certainty,
     driven_share,
     in_use,
     is_far_behind,
+    rivals_in_use,
     says_more_in_use,
     speaks_for,
 )
@@ -161,3 +163,38 @@ def test_law_that_says_more_than_one_that_is_shown_needs_no_certainty_of_its_own
     for worse in ({"fitted": 0.6}, {"unseen": 0.8}, {"certainty": -0.1}, {"n_independent": 1.0}):
         assert not says_more_in_use(replace(better, **worse), shown)
     assert not says_more_in_use(better, InUse())
+
+
+def test_law_that_says_as_much_as_one_that_is_shown_is_its_rival():
+    shown = InUse(fitted=0.35, unseen=0.58, n_independent=34.0, n_unseen=23.0, certainty=2.6)
+    # As good over fewer independent samples: the other one counts for as few.
+    alike = replace(shown, n_independent=28.0, n_unseen=18.0, certainty=1.8)
+    assert alike.bic(1) < shown.bic(1) - 4.0
+    assert rivals_in_use(alike, 1, shown, 1)
+    assert rivals_in_use(replace(alike, fitted=0.6, unseen=0.8), 3, shown, 1)
+    for worse in (
+        {"fitted": 0.2, "unseen": 0.25},
+        {"unseen": 0.1, "fitted": 0.6},
+        {"certainty": -0.1},
+        {"n_independent": 4.0},
+    ):
+        assert not rivals_in_use(replace(alike, **worse), 1, shown, 1)
+    assert not rivals_in_use(InUse(), 1, shown, 1)
+
+
+def test_few_large_errors_leave_a_law_certain_that_takes_them_and_all_others():
+    """After a turn over the top a pendulum is far off for a while; without it the law is as clear."""
+    rng = np.random.default_rng(2)
+    n = 2000
+    once = np.ones(n)
+    once[300:420] = 30.0
+    before = (once * lasting(n, 1)[:, 0])[:, None]
+    after = 0.2 * lasting(n, 2) + 0.01 * rng.standard_normal((n, 1))
+    found = in_use(Simulated((before,), (before,)), Simulated((after,), (after,)))
+    gap = (before**2 - after**2)[:, 0] / np.mean(before**2)
+    assert _certainty(gap) < GATES.unseen_significance < found.certainty
+    assert speaks_for(found, 1)
+    # It is no better where the law is worse in all of the rest.
+    rest = np.where(once > 1.0, 0.2, 1.3)[:, None] * lasting(n, 1)
+    partly = in_use(Simulated((before,), (before,)), Simulated((rest,), (rest,)))
+    assert partly.certainty < GATES.unseen_significance

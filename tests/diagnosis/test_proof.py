@@ -496,6 +496,44 @@ def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
     assert ranked([replace(proof, adds_up=False), replace(shaky, ahead=lasting)])[0].verdict == "supported"
 
 
+def test_law_that_a_simulation_alone_shows_is_none_where_another_is_better_in_both():
+    """A bend of the sensor beside dry friction and a spring: each spring is likelier, and simulates better."""
+    _, proof = proved()
+    seen = proof.told.simulated["validation"]
+
+    def law(place, gain, error, **changes):
+        rms = {name: error * value for name, value in seen.rms.items()}
+        told = replace(proof.told, simulated={"validation": replace(seen, rms=rms)})
+        site = replace(proof.candidate.site, name=place)
+        return replace(
+            proof,
+            candidate=replace(proof.candidate, site=site, name=place),
+            fit=replace(proof.fit, log_likelihood=proof.fit.log_likelihood + gain),
+            final=told,
+            adds_up=False,
+            equivalent=(),
+            **changes,
+        )
+
+    used = InUse(fitted=0.35, unseen=0.58, n_independent=33.0, n_unseen=23.0, certainty=2.6)
+    bend = law("sensor", 1.0, 1.0, in_use=used, is_by_use=True, delta_bic=22.0, delta_log_likelihood=12.5)
+    little = {"verdict": "rejected", "reason": "it explains only 15 % of the load", "takes_little": True}
+    spring = law("disc", 15.0, 0.97, delta_bic=16.0, delta_log_likelihood=15.0, explained=0.15, **little)
+    found = ranked([bend, spring])
+    assert [p.verdict for p in found] == ["rejected", "rejected"]
+    assert "simulates unseen data better and is likelier" in next(p.reason for p in found if p.is_by_use)
+    # Not where it simulates worse, is less likely, or something else speaks against it.
+    others = (
+        law("disc", 15.0, 1.01, delta_bic=16.0, delta_log_likelihood=15.0, explained=0.15, **little),
+        law("disc", 0.5, 0.97, delta_bic=-5.0, delta_log_likelihood=0.5, explained=0.15, **little),
+        replace(spring, takes_little=False),
+    )
+    for other in others:
+        assert [p.verdict for p in ranked([bend, other])] == ["supported", "rejected"]
+    beside_loads = replace(bend, is_by_use=False, delta_bic=200.0, delta_log_likelihood=104.0)
+    assert ranked([beside_loads, spring])[0].verdict == "supported"
+
+
 def test_richer_law_that_rests_at_a_bound_is_the_simple_one():
     _, simple = proved()
     rich = next(e for e in some_effects("LuGreFriction"))

@@ -10,7 +10,7 @@ from functools import partial
 from daest.diagnosis.candidates import fed
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.open_loop import ITERATIONS as IN_USE
-from daest.diagnosis.open_loop import fitted_in_use, is_far_behind, speaks_for
+from daest.diagnosis.open_loop import fitted_in_use, is_far_behind, rivals_in_use, speaks_for
 from daest.diagnosis.pieces import told_of_whole
 from daest.diagnosis.proof import Reference, Searched, by_simulation, has_lost_its_way, used_by
 from daest.diagnosis.reasons import not_determined
@@ -93,6 +93,13 @@ class InOpenLoop:
     def bic(self) -> float:
         return self.used.bic(self.n_own)
 
+    def rivals(self, accepted: Proof | None) -> bool:
+        """Whether it says as much as a law that is accepted by its simulation, if there is one: which of both
+        it is is no question of chance."""
+        return accepted is not None and rivals_in_use(
+            self.used, self.n_own, accepted.in_use, accepted.candidate.n_unknowns
+        )
+
 
 def tried_in_open_loop(search: Search, prepared: Prepared) -> InOpenLoop | None:
     """What the simulation over the records of the search says of a candidate; None where there is none, or a
@@ -117,16 +124,19 @@ def _in_open_loop(stand: Stand, reference: Reference, prepared: Prepared, fit: F
     return InOpenLoop(prepared, fit, used, n_own, is_known)
 
 
-def proof_in_open_loop(search: Search, found: InOpenLoop, beside: Proof | None) -> Proof | None:
-    """The proof of a candidate by its simulation, where that is clear; else that `beside` loads, which may
-    not be known before, with what the simulation says. None where it cannot be refitted."""
+def proof_in_open_loop(
+    search: Search, found: InOpenLoop, beside: Proof | None, accepted: Proof | None = None
+) -> Proof | None:
+    """The proof of a candidate by its simulation, where that is clear, or says as much as that of an
+    `accepted` law; else that `beside` loads, which may not be known before, with what the simulation says.
+    None where it cannot be refitted."""
     with quiet():
         beside = beside or _beside_loads(search, found.prepared)
         if beside is None:
             return None
         shown = beside
-        if found.is_clear:
-            shown = shown_in_use(search, found.prepared, beside, known=found.fit)
+        if found.is_clear or found.rivals(accepted):
+            shown = shown_in_use(search, found.prepared, beside, accepted, known=found.fit)
         if shown.verdict != "rejected":
             return shown
         lasts = longest_duration(search.stand_in_use.null.experiments)

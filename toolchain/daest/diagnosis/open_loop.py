@@ -72,6 +72,22 @@ def says_more_in_use(used: InUse, other: InUse) -> bool:
     )
 
 
+def rivals_in_use(used: InUse, n_own: int, other: InUse, n_other: int) -> bool:
+    """Whether a law of `n_own` parameters may be what another one of `n_other` is taken for by its
+    simulation: it says more there, or as much for as many independent samples."""
+    if says_more_in_use(used, other):
+        return True
+    fewest = {
+        "n_independent": min(used.n_independent, other.n_independent),
+        "n_unseen": min(used.n_unseen, other.n_unseen),
+    }
+    if fewest["n_independent"] < GATES.min_independent:
+        return False
+    own, others = replace(used, **fewest).bic(n_own), replace(other, **fewest).bic(n_other)
+    is_better = used.ratio < GATES.max_clear_ratio and used.certainty > 0.0
+    return is_better and own > max(GATES.min_bic_gain, others - GATES.same_bic)
+
+
 def is_far_behind(one: Mapping[str, Agreement], leader: Mapping[str, Agreement]) -> bool:
     """Whether the simulation of a law is far worse than that of the `leader`, of unseen data and of what it
     was fitted to."""

@@ -19,7 +19,7 @@ from daest.diagnosis.open_loop import (
     Simulated,
     errors_in_pieces,
     in_use,
-    says_more_in_use,
+    rivals_in_use,
     simulated_errors,
     speaks_for,
 )
@@ -542,12 +542,14 @@ def by_simulation(
 ) -> Proof:
     """The proof of a law by the simulation `found`, with the evidence of that, where it speaks for the law by
     more than chance, and the law does not destroy what the observer foresees; else that `beside` the
-    loads, which refused it. Where an `accepted` law shows that something bends the signal, it is enough to
-    say more than that one: which law it is is no question of chance."""
+    loads, which refused it. Where an `accepted` law shows by its simulation that something is missing, it is
+    enough to say as much: which law it is is no question of chance."""
     explicit = prepared.reduced()
     used = used_by(null, prepared, found, validation, reference)
     n_own = prepared.n_unknowns(null.estimated)
-    is_shown = speaks_for(used, n_own) or (accepted is not None and says_more_in_use(used, accepted.in_use))
+    is_shown = speaks_for(used, n_own) or (
+        accepted is not None and rivals_in_use(used, n_own, accepted.in_use, accepted.candidate.n_unknowns)
+    )
     refused = not is_shown or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
     candidate = prepared.trial.candidate
     refused = refused or bool(weak(prepared, found, reference.fit, used.gain))

@@ -62,13 +62,10 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     if not accepted:
         return tuple(order)
     best = _simplest(accepted)
-    stronger = _far_more_likely(order, best)
-    if stronger is not None:
-        worse = stronger.delta_bic - best.delta_bic
-        better = f"{stronger.candidate.label} explains the data far better (BIC {worse:.0f})"
-        reason = f"{better}, but {stronger.reason}"
+    instead = _what_refuses_all(order, best)
+    if instead:
         refused = (
-            p if p.verdict == "rejected" else replace(p, verdict="rejected", reason=reason) for p in order
+            p if p.verdict == "rejected" else replace(p, verdict="rejected", reason=instead) for p in order
         )
         return tuple(sorted(refused, key=lambda p: -p.delta_bic))
     close = [p for p in accepted if _is_rival(p, best) or _is_bent_otherwise(p, best)]
@@ -288,6 +285,37 @@ def best_accepted(proofs: Sequence[Proof]) -> Proof | None:
     """The first of `ranked` proofs that is accepted, be it separable from others or not; None where all are
     rejected."""
     return next((p for p in proofs if p.verdict != "rejected"), None)
+
+
+def _what_refuses_all(order: Sequence[Proof], best: Proof) -> str:
+    """Why no law is the explanation, though the best one is accepted; empty where it is."""
+    stronger = _far_more_likely(order, best)
+    if stronger is not None:
+        worse = stronger.delta_bic - best.delta_bic
+        better = f"{stronger.candidate.label} explains the data far better (BIC {worse:.0f})"
+        return f"{better}, but {stronger.reason}"
+    better_one = _better_in_both(order, best)
+    if better_one is not None:
+        better = f"{better_one.candidate.label} simulates unseen data better and is likelier beside the loads"
+        return f"{better}, but {better_one.reason}"
+    return ""
+
+
+def _better_in_both(order: Sequence[Proof], best: Proof) -> Proof | None:
+    """A law that is refused for nothing but how much of the load is left, beside a best one that its
+    simulation alone shows: it simulates unseen data better, and makes the recordings likelier beside the
+    loads."""
+    if not best.is_by_use:
+        return None
+    better = [
+        p
+        for p in order
+        if p.verdict == "rejected"
+        and p.takes_little
+        and p.fit.log_likelihood > best.fit.log_likelihood
+        and _unseen_ratio(best, p) < 1.0
+    ]
+    return min(better, key=lambda p: _unseen_ratio(best, p), default=None)
 
 
 def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:

@@ -272,7 +272,8 @@ class Stages:
         if reference is None or reference.simulated is None or reference.adds_up or self.options.is_over:
             return list(proofs)
         best = best_accepted(ranked(proofs))
-        least = GATES.min_bic_gain if best is None else best.delta_bic
+        # What a simulation gains is no measure of what is gained beside loads.
+        least = GATES.min_bic_gain if best is None or best.is_by_use else best.delta_bic
         doubted = [
             p
             for p in sorted(proofs, key=lambda p: -p.delta_bic)
@@ -292,8 +293,8 @@ class Stages:
         self, records: Stand, leaders: Sequence[Trial], proofs: Sequence[Proof]
     ) -> list[Proof]:
         """All laws, with those that lead the screen of the simulation over `records`, which may be pieces of
-        the ones that there are: those that are clear there by that simulation; and where none is, the nearest
-        with what it says."""
+        the ones that there are: those that are clear there by that simulation, or say as much as an accepted
+        law that stands on one; and where there are none, the nearest with what it says."""
         search = self.search if records is self.search.stand else replace(self.search, pieces=records)
         tasks, known = [], {}
         for one in leaders:
@@ -307,9 +308,12 @@ class Stages:
         found = [one for one in self.proved((), proofs, tasks)[1] if one is not None] if tasks else []
         found = self._without_imitations(search, found, proofs)
         near = sorted((one for one in found if one.is_near), key=lambda one: -one.bic)
-        told = [one for one in near if one.is_clear] or near[:1]
+        best = best_accepted(ranked(proofs))
+        rival = best if best is not None and best.is_by_use else None
+        told = [one for one in near if one.is_clear or one.rivals(rival)] or near[:1]
         again = [
-            partial(proof_in_open_loop, search, one, known[one.prepared.trial.candidate.name]) for one in told
+            partial(proof_in_open_loop, search, one, known[one.prepared.trial.candidate.name], rival)
+            for one in told
         ]
         judged = [p for p in self.proved((), proofs, again)[1] if p is not None] if again else []
         names = {p.candidate.name for p in judged}
