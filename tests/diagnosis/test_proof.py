@@ -497,7 +497,7 @@ def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
 
 
 def test_law_that_a_simulation_alone_shows_is_none_where_another_is_better_in_both():
-    """A bend of the sensor beside dry friction and a spring: each spring is likelier, and simulates better."""
+    """A bend of the sensor beside friction and a spring: each spring is likelier, and simulates better."""
     _, proof = proved()
     seen = proof.told.simulated["validation"]
 
