@@ -234,9 +234,9 @@ class Course:
         return proofs
 
     def _with_leaders_in_use(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
-        """All laws, with those that lead the screen in open loop and that a simulation shows, where what is
-        accepted leaves much of its error: a load that takes any course leaves no dead zone of a pump
-        anything to do, nor dry friction. Constants come first, which no screen of errors that last can tell:
+        """All laws, with those that lead the screen in open loop and that a simulation shows, where nothing is
+        accepted that is enough: a load that takes any course leaves no dead zone of a pump anything to do,
+        nor dry friction. Constants come first, which no screen of errors that last can tell:
         they count as one sample there."""
         reference, used = self.stand.reference, self.screens[1]
         if used is None or reference is None or reference.simulated is None or self.options.is_over:
@@ -244,7 +244,7 @@ class Course:
         best = best_accepted(ranked(proofs))
         if best is None and not self._is_open(proofs):
             return proofs
-        if best is not None and _takes_most(best, reference.fit):
+        if best is not None and _is_enough(best, reference.fit):
             return proofs
         leaders = trials(used, GATES.in_use_level, len(used.entries))
         every = trials(used, 1.0, len(used.entries))
@@ -264,12 +264,13 @@ class Course:
         return best_accepted(ranked(proofs)) is None and not is_explained and not self.options.is_over
 
 
-def _takes_most(best: Proof, before: FitResult) -> bool:
-    """Whether a law takes most of the error of the simulation of unseen data that there was `before`, and is
-    accepted for more than that: its rivals were refused beside loads, where it was, too."""
+def _is_enough(best: Proof, before: FitResult) -> bool:
+    """Whether a law stands alone, beside the loads, and makes the simulation of unseen data clearly better
+    than `before`: what it leaves of that is for the next law. One that its simulation alone shows has its
+    rivals among the laws that were refused beside loads, as it was."""
     ratios = error_ratios(before.simulated, best.told.simulated)
-    takes_most = bool(ratios) and max(ratios) <= GATES.max_simulated_ratio
-    return best.verdict == "supported" and not best.is_by_use and takes_most
+    is_better = bool(ratios) and max(ratios) <= GATES.max_clear_ratio
+    return best.verdict == "supported" and not best.is_by_use and is_better
 
 
 def _untried(trials: Sequence[Trial], tried: Sequence[Candidate]) -> list[Trial]:
