@@ -234,10 +234,10 @@ class Course:
         return proofs
 
     def _with_leaders_in_use(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
-        """All laws, with those that lead the screen in open loop and that a simulation shows, where nothing is
-        accepted that is enough: a load that takes any course leaves no dead zone of a pump anything to do,
-        nor dry friction. Constants come first, which no screen of errors that last can tell:
-        they count as one sample there."""
+        """All laws, with those that lead the screen in open loop and that a simulation shows, where nothing
+        is accepted that is enough: a load that takes any course leaves no dead zone of a pump anything to do,
+        nor dry friction. Constants come first, which no screen of errors that last can tell: they count as
+        one sample there."""
         reference, used = self.stand.reference, self.screens[1]
         if used is None or reference is None or reference.simulated is None or self.options.is_over:
             return proofs
