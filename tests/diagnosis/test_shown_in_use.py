@@ -68,7 +68,7 @@ def test_reference_keeps_the_simulation_that_unseen_data_like_less(monkeypatch):
         rms={name: 9.0 * rms for name, rms in found.opened.simulated["validation"].rms.items()},
     )
     opened = replace(found.opened, simulated={**found.opened.simulated, "validation": worse})
-    monkeypatch.setattr(stand_module, "by_simulation", lambda *_: opened)
+    monkeypatch.setattr(stand_module, "fit_by_simulation", lambda *_: opened)
     again = reference_of(stand.null, stand.baseline, stand.validation)
     assert again.fit.method == "pem" and again.opened is opened
     white = stand_module._simulated_with(stand.null, again.fit, stand.validation)

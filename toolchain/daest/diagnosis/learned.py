@@ -21,7 +21,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, period_of, refit
 from daest.diagnosis.proof import Reference
 from daest.diagnosis.screen import NullObserver
-from daest.diagnosis.settled import FAILURES, settled, simulated
+from daest.diagnosis.settled import FAILURES, better_of, fit_by_simulation, settled
 from daest.diagnosis.trial import Candidate as Trialled
 from daest.diagnosis.unseen import compared, foreseen, judged
 from daest.errors import DaestError
@@ -89,7 +89,7 @@ def learned_load(
         ahead = compared(reference.foreseen, foreseen(observer, validation), period_of(null.experiments))
         told = white
         if not reference.adds_up:
-            told = simulated(null, white, flat, null.experiments, validation)
+            told = better_of(white, fit_by_simulation(null, white, flat, null.experiments, validation))
         against, _, _ = judged(ahead, reference.fit, told, reference.adds_up, holding=reference.holding)
         own = [p.name for p in told.parameters if p.name not in null.estimated]
         curve = _of_fit(curve, own, told)

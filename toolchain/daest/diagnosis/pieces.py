@@ -18,7 +18,7 @@ from daest.diagnosis.free_starts import free_runs
 from daest.diagnosis.null import Null, grown
 from daest.diagnosis.open_loop import errors_in_pieces
 from daest.diagnosis.screen import NullObserver
-from daest.diagnosis.settled import simulated
+from daest.diagnosis.settled import better_of, fit_by_simulation
 from daest.diagnosis.stand import Stand, quiet
 from daest.diagnosis.unseen import seen_modes, slowest_decay
 from daest.estimation.records import part_of
@@ -43,7 +43,8 @@ def in_pieces(stand: Stand, run: NullObserver) -> Stand | None:
     experiments, unseen = _cut(null.experiments, n_samples), _cut(stand.validation, n_samples)
     alone = replace(null, experiments=experiments)
     with quiet():
-        fit = simulated(alone, reference.fit, null.flat, experiments, unseen)
+        found = fit_by_simulation(alone, reference.fit, null.flat, experiments, unseen)
+        fit = better_of(reference.fit, found)
         if fit.method != "oe":
             return None
         flat = null.flat.with_theta(fit.theta)

@@ -42,7 +42,7 @@ from daest.diagnosis.reasons import (
     wrong_law,
 )
 from daest.diagnosis.screen import NullObserver, run_null
-from daest.diagnosis.settled import settled, simulated
+from daest.diagnosis.settled import better_of, fit_by_simulation, settled
 from daest.diagnosis.trials import Prepared
 from daest.diagnosis.unseen import (
     Foreseen,
@@ -378,7 +378,8 @@ class _Judge:
         if reference.adds_up or any(is_worse(one) for one in ahead):
             final = white
         else:
-            final = simulated(null, white, flat, null.experiments, validation, refit)
+            alone = fit_by_simulation(null, white, flat, null.experiments, validation, refit)
+            final = better_of(white, alone)
         against, _, is_told = judged(
             ahead, reference.fit, final, reference.adds_up, told, holding=reference.holding
         )

@@ -120,19 +120,7 @@ def _is_far(ratio: float) -> bool:
     return ratio > 0.0 and abs(np.log(ratio)) > np.log(FAR)
 
 
-def simulated(
-    null: Null,
-    white: FitResult,
-    flat: FlatModel,
-    experiments: Sequence[Experiment],
-    validation: Sequence[Experiment],
-    beside: Refit | None = None,
-) -> FitResult:
-    """The better of `white` (of `settled`) and of the fit `by_simulation` that starts there."""
-    return better_of(white, by_simulation(null, white, flat, experiments, validation, beside))
-
-
-def by_simulation(
+def fit_by_simulation(
     null: Null,
     white: FitResult,
     flat: FlatModel,

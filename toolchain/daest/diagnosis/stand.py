@@ -20,7 +20,7 @@ from daest.diagnosis.null import Null, as_recorded, fit_null, grown, known_value
 from daest.diagnosis.open_loop import Simulated, simulated_errors
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import Reference, bic_gain
-from daest.diagnosis.settled import FAILURES, better_of, by_simulation, settled
+from daest.diagnosis.settled import FAILURES, better_of, fit_by_simulation, settled
 from daest.diagnosis.unseen import adds_up, foreseen, steady_outputs
 from daest.errors import EstimationError
 from daest.estimation.identify import identify, tied_parameters
@@ -327,7 +327,7 @@ def reference_of(null: Null, fit: FitResult, validation: Sequence[Experiment]) -
             return Reference(
                 white, foreseen(observer, validation), adds_up=True, holding=steady_outputs(observer)
             )
-        opened = by_simulation(null, white, null.flat, null.experiments, validation)
+        opened = fit_by_simulation(null, white, null.flat, null.experiments, validation)
         told = better_of(white, opened)
         errors = None if opened is None else _errors_of(null, opened, told, validation)
         return Reference(told, foreseen(observer, validation), simulated=errors, opened=opened)
