@@ -685,6 +685,14 @@ def test_a_law_shown_by_its_simulation_is_compared_by_that():
     ]
     # Errors that last longer count as fewer samples, and are the smaller ones here.
     slow = replace(better, in_use=replace(better.in_use, n_independent=30.0, n_unseen=30.0))
+    # Of those that say as much the one that takes more of the load is first.
+    alike = replace(shown.candidate, site=replace(shown.candidate.site, name="bearing"), name="alike")
+    both = [
+        replace(shown, explained=0.02),
+        replace(shown, candidate=alike, explained=0.0, in_use=replace(used, fitted=used.fitted + 0.002)),
+    ]
+    assert [p.explained for p in ranked(both)] == [0.02, 0.0]
+    assert ranked(both)[0].delta_bic < ranked(both)[1].delta_bic
     first, last = ranked([shown, slow])
     assert slow.in_use.bic(n_own) < second and slow.in_use.bic(n_own) == pytest.approx(first.delta_bic)
     assert last.delta_bic < first.delta_bic

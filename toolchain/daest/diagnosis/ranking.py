@@ -188,13 +188,17 @@ def _by_use(proof: Proof, n_independent: float, n_unseen: float) -> Proof:
     )
 
 
-def _place(best: Proof, proof: Proof) -> tuple[bool, float, int, float]:
+def _place(best: Proof, proof: Proof) -> tuple[bool, float, int, float, float, float]:
     """What a proof is ranked by, smallest first. Of laws that foresee unseen data clearly better and alike,
-    the one with the fewest parameters of any kind is first."""
+    the one with the fewest parameters of any kind is first; of those whose simulation says as much, the one
+    that takes more of the load."""
     ratio = 1.0 if proof.verdict == "rejected" or _is_vague(proof, best) else _unseen_ratio(best, proof)
     n_parameters = len(proof.candidate.effect.parameters) if ratio < GATES.max_rival_error else 0
     ratio = round(min(ratio, GATES.max_rival_error), 2)
-    return proof.verdict == "rejected", ratio, n_parameters, -_bic(proof)
+    is_as_likely = proof.is_by_use and proof.verdict != "rejected"
+    step = round(_bic(proof) / GATES.same_bic) * GATES.same_bic if is_as_likely else _bic(proof)
+    explained = proof.explained if is_as_likely else 0.0
+    return proof.verdict == "rejected", ratio, n_parameters, -step, -explained, -_bic(proof)
 
 
 def _is_same_equation(one: Proof, other: Proof) -> bool:
