@@ -1036,6 +1036,25 @@ def test_law_of_a_simulation_that_leaves_all_its_parameters_open_is_none(monkeyp
     assert shown.verdict == verdict
 
 
+def test_a_lag_that_its_simulation_shows_refuses_no_other_law(monkeypatch):
+    """What came near beside loads, and is accepted without them, stands beside others as they are; what any
+    lag as short would do is no more certain in a simulation."""
+    stand, (prepared, beside) = rubbing(), proved()
+    used = InUse(fitted=0.6, unseen=0.9, n_independent=40.0, n_unseen=30.0, certainty=5.0)
+    monkeypatch.setattr(proving, "used_by", lambda *_: used)
+    monkeypatch.setattr(proving, "weak", lambda *_: "")
+
+    def shown(**why):
+        refused = replace(beside, verdict="rejected", reason="it leaves something dynamic", **why)
+        given = (prepared, refused, beside.final, stand.validation, stand.reference, 1)
+        return proving.by_simulation(stand.null, *given)
+
+    lag = shown(comes_near=True)
+    assert lag.verdict == "supported" and not lag.comes_near
+    short = shown(is_any_dynamics=True)
+    assert short.verdict == "rejected" and short.is_any_dynamics
+
+
 @pytest.mark.parametrize(("ratio", "is_refused"), [(0.9, False), (1.1, True), (None, False)])
 def test_drift_must_drift_beside_a_constant_load_of_each_recording(monkeypatch, ratio, is_refused):
     """What simulates unseen data better since they are at another level is no drift."""

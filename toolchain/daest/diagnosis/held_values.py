@@ -12,14 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import refit
+from daest.diagnosis.null import Null, refit
 from daest.diagnosis.proof import bic_gain
 from daest.diagnosis.reasons import told_number
 from daest.diagnosis.screen import NullObserver, value_scores
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand, reference_of
 from daest.model.diagnosis import Proof
-from daest.model.fit import FittedParameter, error_ratios
+from daest.model.fit import FitResult, FittedParameter, error_ratios
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,17 @@ class OtherValue:
         if self.delta_bic >= law.delta_bic - GATES.same_bic:
             return all(own * GATES.max_rival_error <= other for own, other in pairs)
         return bool(pairs) and all(own < GATES.max_rival_error * other for own, other in pairs)
+
+    def puts_aside(self, law: Proof, baseline: FitResult, null: Null, law_ratios: Sequence[float]) -> bool:
+        """Whether an accepted law only stands for it, as one does for a far likelier law: beside loads it is
+        very strongly preferred, and simulates no output of unseen data worse."""
+        gain = law.delta_bic
+        if law.is_by_use:
+            own = law.fit.log_likelihood - baseline.log_likelihood
+            gain = bic_gain(own, law.candidate.n_unknowns, null)
+        pairs = list(zip(self.ratios, law_ratios, strict=False))
+        is_no_worse = all(own <= (1.0 + GATES.same_unseen_error) * other for own, other in pairs)
+        return bool(pairs) and is_no_worse and self.delta_bic >= gain + GATES.min_bic_gain
 
     @property
     def says_much(self) -> bool:

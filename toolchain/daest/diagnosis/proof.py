@@ -548,7 +548,9 @@ def by_simulation(
     used = used_by(null, prepared, found, validation, reference)
     n_own = prepared.n_unknowns(null.estimated)
     is_shown = speaks_for(used, n_own) or (accepted is not None and says_more_in_use(used, accepted.in_use))
-    refused = not is_shown or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
+    # That any lag or delay as short would do is no question of how much better the simulation is.
+    refused = not is_shown or beside.is_any_dynamics
+    refused = refused or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
     candidate = prepared.trial.candidate
     refused = refused or bool(weak(prepared, found, reference.fit, used.gain))
     # That the simulation is better by more than chance speaks for a kink at a place that is hardly known.
@@ -578,6 +580,7 @@ def by_simulation(
         final=found,
         ahead=(),
         is_open=False,
+        comes_near=False,
     )
 
 
