@@ -650,6 +650,9 @@ def test_a_law_shown_by_its_simulation_is_compared_by_that():
     first, last = ranked([shown, slow])
     assert slow.in_use.bic(n_own) < second and slow.in_use.bic(n_own) == pytest.approx(first.delta_bic)
     assert last.delta_bic < first.delta_bic
+    # A law that does away with the error of one output of two.
+    one = replace(worse, in_use=replace(worse.in_use, apart=(1.2, 1.2)))
+    assert ranked([shown, one])[0].candidate is one.candidate
 
 
 def test_one_equation_under_two_names_is_one_answer():

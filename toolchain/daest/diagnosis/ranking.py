@@ -180,7 +180,7 @@ def _by_use(proof: Proof, n_independent: float, n_unseen: float) -> Proof:
     is unknown."""
     if not proof.in_use.n_independent:
         return proof
-    used = replace(proof.in_use, n_independent=n_independent, n_unseen=n_unseen)
+    used = replace(proof.in_use.by_output, n_independent=n_independent, n_unseen=n_unseen)
     return replace(
         proof,
         delta_log_likelihood=used.gain,
