@@ -163,13 +163,13 @@ def _balanced(slopes: np.ndarray, rates: Mapping[int, int], moving: Container[in
     derivative goes before the unknowns that equal one, and of these the highest before the lower ones. An
     acceleration that has a name of its own, and no rate, stands for its derivative: it is as high as one."""
     n = slopes.size // 2
-    explicit = [(i - n, i) for i in np.flatnonzero(slopes[n:]) + n]
+    explicit = [(i - n, i) for i in (np.flatnonzero(slopes[n:]) + n).tolist()]
     named = [(variable, rate) for variable, rate in rates.items() if slopes[rate]]
     lower = {variable for variable, rate in named if any(higher == rate for higher, _ in named)}
     if explicit:
         named = [one for one in named if one[1] not in moving]
     highest = [one for one in named if one[0] not in lower]
-    return sorted((int(a), int(b)) for a, b in (*explicit, *highest))
+    return sorted([*explicit, *highest])
 
 
 def own_laws(flat: FlatModel) -> list[int]:
