@@ -1021,6 +1021,29 @@ def test_law_of_a_simulation_is_none_beside_one_that_the_loads_leave_far_likelie
     assert ranked([near, replace(proof, in_use=little)])[0].candidate is name, "much may go into the loads"
 
 
+@pytest.mark.parametrize(
+    ("behind", "error", "verdict"), [(15.0, 2.0, "rejected"), (5.0, 2.0, ""), (15.0, 1.05, "")]
+)
+def test_law_of_a_simulation_is_none_beside_one_that_is_better_both_ways(behind, error, verdict):
+    """The lag of a sensor with twice the noise of it, beside what a resistance lacks: gains of two kinds."""
+    _, proof = proved()
+    used = InUse(fitted=2.0, unseen=2.0, n_independent=400.0, n_unseen=400.0, certainty=9.0)
+    told = {
+        part: replace(one, rms={name: error * rms for name, rms in one.rms.items()})
+        for part, one in proof.told.simulated.items()
+    }
+    lag = replace(
+        proof,
+        candidate=replace(proof.candidate, name="effect_other"),
+        fit=replace(proof.fit, log_likelihood=proof.fit.log_likelihood - behind),
+        final=replace(proof.told, simulated=told),
+        in_use=used,
+        is_by_use=True,
+    )
+    found = next(p for p in ranked([lag, replace(proof, in_use=InUse())]) if p.candidate is lag.candidate)
+    assert ("simulates unseen data better" in found.reason) == bool(verdict)
+
+
 @pytest.mark.parametrize(("share", "verdict"), [(0.05, "supported"), (300.0, "rejected")])
 def test_law_of_a_simulation_that_leaves_all_its_parameters_open_is_none(monkeypatch, share, verdict):
     """A wall of hardly any conductance and any time constant simulates a part of a day better."""
