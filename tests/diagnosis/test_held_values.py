@@ -1,12 +1,14 @@
 """Values that the model holds and that another value would make as likely as an effect."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hidden_plants import INERTIA, model, rotor_record
 
 from daest.diagnosis import examine as examine_module
+from daest.diagnosis import held_values as held_values_module
 from daest.diagnosis.examine import _with_values
 from daest.diagnosis.held_values import OtherValue, other_value
 from daest.diagnosis.options import DiagnoseOptions
@@ -54,9 +56,14 @@ def test_no_value_is_looked_for_where_all_are_estimated():
     assert other_value(stand, run_null(stand.null)) is None
 
 
+@dataclass(frozen=True)
 class Law:
-    def __init__(self, delta_bic):
-        self.delta_bic = delta_bic
+    delta_bic: float
+    verdict: str = "supported"
+    reason: str = ""
+    is_by_use: bool = False
+    candidate = SimpleNamespace(label="FlexibleAppendage at w", n_unknowns=5)
+    fit = SimpleNamespace(log_likelihood=40.0)
 
 
 def test_values_that_do_the_same_are_told_together(monkeypatch):
@@ -68,6 +75,21 @@ def test_values_that_do_the_same_are_told_together(monkeypatch):
         "daest.diagnosis.held_values.value_scores", lambda *_: [replace(twice[0], alike=("m", "rotor.J"))]
     )
     assert other_value(stand, run).text.endswith(" (or of `m` or `rotor.J`, which the sensors see alike)")
+
+
+def test_of_values_that_do_the_same_the_likeliest_search_counts(monkeypatch):
+    """Two capacitors and a resistance of a ladder: the search with the one that shows most had ended 48 of
+    log-likelihood below that with the other."""
+    stand = stand_with(1.5 * INERTIA)
+    others = [p.name for p in stand.null.flat.parameters if p.name != "J"][:1]
+    ends = {"J": 10.0, others[0]: 58.0}
+    monkeypatch.setattr(
+        held_values_module,
+        "refit",
+        lambda _flat, _explicit, names, *_, **__: SimpleNamespace(log_likelihood=ends[names[-1]]),
+    )
+    name, fit = held_values_module._likeliest(stand, ("J", *others, "unknown"))
+    assert name == others[0] and fit.log_likelihood == 58.0
 
 
 @pytest.mark.parametrize(
@@ -85,6 +107,39 @@ def test_a_value_is_an_answer_beside_a_law_as_another_law_would_be(delta_bic, ra
     parameter = FittedParameter("R", 84.0, 0.2, 35.0, "Ohm", 0.0, None, False)
     other = OtherValue(parameter, 35.0, delta_bic, (ratio,))
     assert other.says_as_much_as(Law(100.0), (law_ratio,)) == is_rival
+
+
+@pytest.mark.parametrize(
+    ("delta_bic", "ratios", "law", "is_aside"),
+    [
+        (107.0, (0.2, 0.2), Law(100.0), True),
+        (105.0, (0.2, 0.2), Law(100.0), False),  # as likely, by what two laws are one answer
+        (150.0, (0.2, 0.21), Law(100.0), False),  # one output is simulated worse
+        (150.0, (), Law(100.0), False),
+        (62.0, (0.2, 0.2), Law(900.0, is_by_use=True), True),  # 2*(40 - 10) - 5 ln 600 beside loads
+        (20.0, (0.2, 0.2), Law(900.0, is_by_use=True), False),
+    ],
+)
+def test_a_law_that_only_stands_for_a_value_is_put_aside(delta_bic, ratios, law, is_aside):
+    """A cabin of another mass had been a flexible part on the sheave."""
+    stand = stand_with(INERTIA)
+    baseline = replace(stand.baseline, log_likelihood=10.0)
+    parameter = FittedParameter("m1", 721.0, 1.0, 600.0, "kg", 0.0, None, False)
+    other = OtherValue(parameter, 600.0, delta_bic, ratios)
+    assert other.puts_aside(law, baseline, stand.null, (0.2, 0.2)) == is_aside
+
+
+def test_the_verdict_is_then_that_parameters_are_off():
+    parameter = FittedParameter("m1", 721.0, 1.0, 600.0, "kg", 0.0, None, False)
+    other = OtherValue(parameter, 600.0, 200.0, (0.2,))
+    law, refused = Law(100.0), Law(50.0, "rejected", "it says little")
+    decided = examine_module.verdicts.Decided("supported", "A law.", "", (law, refused))
+    found = examine_module._by_value(decided, law, other)
+    assert found.name == "parameters off"
+    assert "Another one of `m1`, 721 ± 1 kg instead of the 600 kg that is given, explains" in found.message
+    assert found.message.endswith("than FlexibleAppendage at w: estimate it (--estimate m1).")
+    assert [p.verdict for p in found.proofs] == ["rejected", "rejected"]
+    assert "another value of `m1`" in found.proofs[0].reason and found.proofs[1] is refused
 
 
 def test_the_sentence_names_both_values(monkeypatch):

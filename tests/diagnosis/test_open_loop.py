@@ -70,6 +70,22 @@ def test_far_behind_is_worse_on_all_data():
     assert not is_far_behind({"estimation": leader["estimation"]}, leader)
 
 
+def test_every_output_counts_for_itself_where_laws_are_compared():
+    """A gain that does away with the error of one output is more than a bend that takes half of both."""
+    rng = np.random.default_rng(3)
+    errors = rng.standard_normal((1000, 2))
+
+    def left(*shares):
+        return Simulated(*[(errors * np.array(shares),) for _ in range(2)])
+
+    before = left(1.0, 1.0)
+    gain, bend = in_use(before, left(0.1, 1.0)), in_use(before, left(0.5, 0.5))
+    assert gain.apart == pytest.approx((np.log(10.0), np.log(10.0)))
+    assert gain.unseen < bend.unseen and gain.by_output.unseen > bend.by_output.unseen
+    assert bend.by_output.bic(2) == pytest.approx(bend.bic(2))
+    assert gain.by_output.n_unseen == gain.n_unseen and InUse().by_output == InUse()
+
+
 def test_what_is_not_known_says_nothing():
     nothing = in_use(None, simulated(1.0, 1))
     assert nothing == InUse() and not speaks_for(nothing, 1)

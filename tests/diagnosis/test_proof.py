@@ -696,6 +696,9 @@ def test_a_law_shown_by_its_simulation_is_compared_by_that():
     first, last = ranked([shown, slow])
     assert slow.in_use.bic(n_own) < second and slow.in_use.bic(n_own) == pytest.approx(first.delta_bic)
     assert last.delta_bic < first.delta_bic
+    # A law that does away with the error of one output of two.
+    one = replace(worse, in_use=replace(worse.in_use, apart=(1.2, 1.2)))
+    assert ranked([shown, one])[0].candidate is one.candidate
 
 
 def test_one_equation_under_two_names_is_one_answer():
@@ -1064,6 +1067,29 @@ def test_law_of_a_simulation_is_none_beside_one_that_the_loads_leave_far_likelie
     assert ranked([near, replace(proof, in_use=little)])[0].candidate is name, "much may go into the loads"
 
 
+@pytest.mark.parametrize(
+    ("behind", "error", "verdict"), [(15.0, 2.0, "rejected"), (5.0, 2.0, ""), (15.0, 1.05, "")]
+)
+def test_law_of_a_simulation_is_none_beside_one_that_is_better_both_ways(behind, error, verdict):
+    """The lag of a sensor with twice the noise of it, beside what a resistance lacks: gains of two kinds."""
+    _, proof = proved()
+    used = InUse(fitted=2.0, unseen=2.0, n_independent=400.0, n_unseen=400.0, certainty=9.0)
+    told = {
+        part: replace(one, rms={name: error * rms for name, rms in one.rms.items()})
+        for part, one in proof.told.simulated.items()
+    }
+    lag = replace(
+        proof,
+        candidate=replace(proof.candidate, name="effect_other"),
+        fit=replace(proof.fit, log_likelihood=proof.fit.log_likelihood - behind),
+        final=replace(proof.told, simulated=told),
+        in_use=used,
+        is_by_use=True,
+    )
+    found = next(p for p in ranked([lag, replace(proof, in_use=InUse())]) if p.candidate is lag.candidate)
+    assert ("simulates unseen data better" in found.reason) == bool(verdict)
+
+
 @pytest.mark.parametrize(("share", "verdict"), [(0.05, "supported"), (300.0, "rejected")])
 def test_law_of_a_simulation_that_leaves_all_its_parameters_open_is_none(monkeypatch, share, verdict):
     """A wall of hardly any conductance and any time constant simulates a part of a day better."""
@@ -1080,6 +1106,25 @@ def test_law_of_a_simulation_that_leaves_all_its_parameters_open_is_none(monkeyp
     refused = replace(beside, verdict="rejected", reason="open")
     shown = proving.by_simulation(stand.null, prepared, refused, found, stand.validation, stand.reference, 1)
     assert shown.verdict == verdict
+
+
+def test_a_lag_that_its_simulation_shows_refuses_no_other_law(monkeypatch):
+    """What came near beside loads, and is accepted without them, stands beside others as they are; what any
+    lag as short would do is no more certain in a simulation."""
+    stand, (prepared, beside) = rubbing(), proved()
+    used = InUse(fitted=0.6, unseen=0.9, n_independent=40.0, n_unseen=30.0, certainty=5.0)
+    monkeypatch.setattr(proving, "used_by", lambda *_: used)
+    monkeypatch.setattr(proving, "weak", lambda *_: "")
+
+    def shown(**why):
+        refused = replace(beside, verdict="rejected", reason="it leaves something dynamic", **why)
+        given = (prepared, refused, beside.final, stand.validation, stand.reference, 1)
+        return proving.by_simulation(stand.null, *given)
+
+    lag = shown(comes_near=True)
+    assert lag.verdict == "supported" and not lag.comes_near
+    short = shown(is_any_dynamics=True)
+    assert short.verdict == "rejected" and short.is_any_dynamics
 
 
 @pytest.mark.parametrize(("ratio", "is_refused"), [(0.9, False), (1.1, True), (None, False)])

@@ -245,6 +245,25 @@ def test_of_several_rates_in_a_row_those_of_its_unit_are_balanced() -> None:
     assert found == ["2:v", "3:w"]
 
 
+def test_an_acceleration_with_a_name_is_a_rate_beside_others() -> None:
+    """A trolley whose balance holds its own acceleration by name and the one of its load by `der`."""
+    text = """model Crane
+      parameter Real mt(unit = "kg") = 6, ml(unit = "kg") = 2, l(unit = "m") = 0.8;
+      input Real F(unit = "N");
+      Real v(unit = "m/s"); Real w(unit = "rad/s"); Real th(unit = "rad"); Real a(unit = "m/s2");
+      output Real y = v;
+    equation
+      der(v) = a; der(th) = w;
+      (mt + ml)*a + ml*l*der(w)*cos(th) - ml*l*w^2*sin(th) = F;
+      ml*l^2*der(w) + ml*l*a*cos(th) + ml*9.81*l*sin(th) = 0;
+    end Crane;"""
+    found = sites(compile_text(text.encode(), Path("Crane.mo")))
+    assert [(s.name, s.domain) for s in found if s.kind == "equation"] == [
+        ("2:v", "translational"),
+        ("3:w", "rotational"),
+    ]
+
+
 def test_heat_of_a_bare_equation_in_celsius(tmp_path) -> None:
     flat, effect = bare(tmp_path), find_effect("ConstantHeatGain")
     made = attach(flat, effect, find_site(flat, "4:T", effect), name="gain")

@@ -18,7 +18,7 @@ from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.faulty import EMPTY, faults_told
 from daest.diagnosis.free_forms import free_forms, keep_forms
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.held_values import other_value
+from daest.diagnosis.held_values import OtherValue, other_value
 from daest.diagnosis.learned import learned_load, said, with_formula
 from daest.diagnosis.load_starts import starts_from_nowhere
 from daest.diagnosis.next_experiment import Asked, computed
@@ -139,10 +139,13 @@ def _examined(
         is_whole = is_whole and is_in_time
         decided = verdicts.decide(replace(evidence, proofs=proofs))
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
+    found_before = decided.name
     decided, beside_values = _with_values(stand, run, decided, options, progress)
-    message += beside_values
+    message = (message if decided.name == found_before else decided.message) + beside_values
     if decided.name not in ("supported", "nothing missing"):
-        message += _said_of_inputs(null, stand.told) + verdicts.nearest_in_pieces(decided.proofs)
+        message += _said_of_inputs(null, stand.told)
+    if decided.name not in EXPLAINED:
+        message += verdicts.nearest_in_pieces(decided.proofs)
     faults = "" if decided.name in EXPLAINED else faults_told((*null.experiments, *stand.validation))
     return Diagnosis(
         verdict=decided.name,
@@ -230,11 +233,28 @@ def _with_values(
     if law is None:
         near = f" Another value of {other.text}, comes near: {advice}."
         return decided, near if other.says_much else ""
-    if not other.says_as_much_as(law, error_ratios(stand.told.simulated, law.told.simulated)):
+    law_ratios = error_ratios(stand.told.simulated, law.told.simulated)
+    if other.puts_aside(law, stand.baseline, stand.null, law_ratios):
+        return _by_value(decided, law, other), ""
+    if not other.says_as_much_as(law, law_ratios):
         return decided, ""
     told = replace(law, instead=other.text)
     decided = replace(decided, proofs=tuple(told if p is law else p for p in decided.proofs))
     return decided, f" Another value of {other.text}, says as much: {advice} before an effect is believed."
+
+
+def _by_value(decided: verdicts.Decided, law: Proof, other: OtherValue) -> verdicts.Decided:
+    """The verdict where another value of what the model holds says more than the accepted `law`."""
+    reason = f"another value of {other.text}, explains the data better"
+    proofs = tuple(
+        p if p.verdict == "rejected" else replace(p, verdict="rejected", reason=reason)
+        for p in decided.proofs
+    )
+    message = (
+        f"The data contradict a given value. Another one of {other.text}, explains them better than "
+        f"{law.candidate.label}: estimate it (--estimate {other.parameter.name})."
+    )
+    return verdicts.Decided("parameters off", message, proofs=proofs)
 
 
 def _said_of_inputs(null: Null, told: FitResult) -> str:

@@ -9,17 +9,20 @@ judged on the terms of a refitted effect.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import refit
+from daest.diagnosis.null import Null, refit
 from daest.diagnosis.proof import bic_gain
 from daest.diagnosis.reasons import told_number
 from daest.diagnosis.screen import NullObserver, value_scores
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand, reference_of
 from daest.model.diagnosis import Proof
-from daest.model.fit import FittedParameter, error_ratios
+from daest.model.fit import FitResult, FittedParameter, error_ratios
+
+MOST_ALIKE = 3  # values that do the same, of which each is estimated
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,17 @@ class OtherValue:
         if self.delta_bic >= law.delta_bic - GATES.same_bic:
             return all(own * GATES.max_rival_error <= other for own, other in pairs)
         return bool(pairs) and all(own < GATES.max_rival_error * other for own, other in pairs)
+
+    def puts_aside(self, law: Proof, baseline: FitResult, null: Null, law_ratios: Sequence[float]) -> bool:
+        """Whether an accepted law only stands for it, as for a likelier law: beside loads it is preferred by
+        what tells laws apart, and simulates no output of unseen data worse."""
+        gain = law.delta_bic
+        if law.is_by_use:
+            own = law.fit.log_likelihood - baseline.log_likelihood
+            gain = bic_gain(own, law.candidate.n_unknowns, null)
+        pairs = list(zip(self.ratios, law_ratios, strict=False))
+        is_no_worse = all(own <= (1.0 + GATES.same_unseen_error) * other for own, other in pairs)
+        return bool(pairs) and is_no_worse and self.delta_bic > gain + GATES.same_bic
 
     @property
     def says_much(self) -> bool:
@@ -72,16 +86,15 @@ def other_value(stand: Stand, run: NullObserver) -> OtherValue | None:
     first = value_scores(null, run, names)[0]
     if first.p_value >= GATES.screen_level:
         return None
-    name = first.name
-    held = next(p.value for p in null.flat.parameters if p.name == name)
-    try:
-        found = refit(null.flat, null.explicit, (*null.estimated, name), null, validation=stand.validation)
-        freed = replace(
-            null, fit=replace(null.fit, parameters=(*null.fit.parameters, *found.parameters[-1:]))
-        )
-        after = reference_of(freed, found, stand.validation)
-    except FAILURES:
+    found = _likeliest(stand, (first.name, *first.alike))
+    if found is None:
         return None
+    name, fit = found
+    held = next(p.value for p in null.flat.parameters if p.name == name)
+    freed = replace(null, fit=replace(null.fit, parameters=(*null.fit.parameters, *fit.parameters[-1:])))
+    after = None
+    with suppress(*FAILURES):
+        after = reference_of(freed, fit, stand.validation)
     if after is None:
         return None
     told = next((p for p in after.fit.parameters if p.name == name), None)
@@ -89,6 +102,19 @@ def other_value(stand: Stand, run: NullObserver) -> OtherValue | None:
         return None
     if abs(told.value - held) < GATES.min_significance * told.std_error:
         return None
-    gain = found.log_likelihood - stand.baseline.log_likelihood
+    gain = fit.log_likelihood - stand.baseline.log_likelihood
     ratios = error_ratios(stand.told.simulated, after.fit.simulated)
-    return OtherValue(told, held, bic_gain(gain, 1, null), tuple(ratios), first.alike)
+    alike = tuple(other for other in (first.name, *first.alike) if other != name)
+    return OtherValue(told, held, bic_gain(gain, 1, null), tuple(ratios), alike)
+
+
+def _likeliest(stand: Stand, names: Sequence[str]) -> tuple[str, FitResult] | None:
+    """The refit with the one of `names`, which the sensors see alike, that ends likeliest: what is the same
+    equation is not the same way to it. None where none can be refitted."""
+    null, ends = stand.null, []
+    known = {p.name for p in null.flat.parameters}
+    for name in [name for name in names if name in known][:MOST_ALIKE]:
+        with suppress(*FAILURES):
+            wanted = (*null.estimated, name)
+            ends.append((name, refit(null.flat, null.explicit, wanted, null, validation=stand.validation)))
+    return max(ends, key=lambda end: end[1].log_likelihood, default=None)

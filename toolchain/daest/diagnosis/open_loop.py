@@ -269,7 +269,14 @@ def in_use(before: Simulated | None, after: Simulated | None) -> InUse:
         n_independent=independent,
         n_unseen=of_unseen,
         certainty=max(_certainty(seen - foreseen), _certainty_of_blocks(seen, foreseen, blocks)),
+        apart=(_apart(before.fitted, after.fitted), _apart(before.unseen, after.unseen)),
     )
+
+
+def _apart(before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> float:
+    """Mean over the outputs of the logarithms of the ratios of their mean squares, before to after."""
+    old, new = (_mean_squares(errors) for errors in (before, after))
+    return float(np.mean(np.log(old / new)))
 
 
 def _certainty(gap: np.ndarray) -> float:

@@ -551,7 +551,9 @@ def by_simulation(
     is_shown = speaks_for(used, n_own) or (
         accepted is not None and rivals_in_use(used, n_own, accepted.in_use, accepted.candidate.n_unknowns)
     )
-    refused = not is_shown or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
+    # That any lag or delay as short would do is no question of how much better the simulation is.
+    refused = not is_shown or beside.is_any_dynamics
+    refused = refused or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
     candidate = prepared.trial.candidate
     refused = refused or bool(weak(prepared, found, reference.fit, used.gain))
     # That the simulation is better by more than chance speaks for a kink at a place that is hardly known.
@@ -581,6 +583,7 @@ def by_simulation(
         final=found,
         ahead=(),
         is_open=False,
+        comes_near=False,
     )
 
 

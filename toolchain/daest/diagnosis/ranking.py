@@ -133,7 +133,7 @@ def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
 
 def _without_hopeless(proofs: Sequence[Proof]) -> list[Proof]:
     """Laws that are accepted for their simulation are refused where beside loads an accepted one is far more
-    likely, by much more than they simulate better."""
+    likely, by much more than they simulate better, or is likelier and simulates unseen data better, too."""
     seen = [p for p in proofs if p.verdict != "rejected" and not p.is_by_use]
     best = max(seen, key=lambda p: p.fit.log_likelihood + p.in_use.gain, default=None)
     if best is None:
@@ -144,8 +144,20 @@ def _without_hopeless(proofs: Sequence[Proof]) -> list[Proof]:
         if proof.verdict != "rejected" and proof.is_by_use and behind > GATES.hopeless_log_likelihood:
             reason = f"{best.candidate.label} explains the data far better (log-likelihood {behind:.0f})"
             proof = replace(proof, verdict="rejected", reason=reason)
+        better = next((p for p in seen if _is_better_both_ways(p, proof)), None)
+        if proof.verdict != "rejected" and proof.is_by_use and better is not None:
+            reason = f"{better.candidate.label} is likelier beside loads, and simulates unseen data better"
+            proof = replace(proof, verdict="rejected", reason=reason)
         result.append(proof)
     return result
+
+
+def _is_better_both_ways(one: Proof, other: Proof) -> bool:
+    """Whether a law is clearly likelier than another one beside loads, and simulates every output of unseen
+    data clearly better."""
+    ratios = error_ratios(other.told.simulated, one.told.simulated)
+    is_likelier = one.fit.log_likelihood > other.fit.log_likelihood + GATES.min_richer_gain
+    return is_likelier and bool(ratios) and max(ratios) < GATES.max_rival_error
 
 
 def _on_one_basis(proofs: Sequence[Proof]) -> list[Proof]:
@@ -177,7 +189,7 @@ def _by_use(proof: Proof, n_independent: float, n_unseen: float) -> Proof:
     is unknown."""
     if not proof.in_use.n_independent:
         return proof
-    used = replace(proof.in_use, n_independent=n_independent, n_unseen=n_unseen)
+    used = replace(proof.in_use.by_output, n_independent=n_independent, n_unseen=n_unseen)
     return replace(
         proof,
         delta_log_likelihood=used.gain,

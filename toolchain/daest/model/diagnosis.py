@@ -254,7 +254,8 @@ class InUse:
     it, of the `fitted` and of the `unseen` data, the samples of each that count as independent (0: nothing is
     known), and how many standard errors the mean squares of the unseen ones are apart. `piece` is the
     duration [s] over which it is told, of the records or pieces of them, each from a start of its own; 0
-    where it is evidence beside others."""
+    where it is evidence beside others. The mean squares are over all outputs; `apart` are the same two
+    logarithms of every output by itself, in their mean: what the likelihood of their own errors gains."""
 
     fitted: float = 0.0
     unseen: float = 0.0
@@ -262,6 +263,7 @@ class InUse:
     n_unseen: float = 0.0
     certainty: float = 0.0
     piece: float = 0.0
+    apart: tuple[float, float] | None = None
 
     @property
     def gain(self) -> float:
@@ -272,6 +274,12 @@ class InUse:
     def ratio(self) -> float:
         """Of the errors on unseen data, with to without the law."""
         return float(np.exp(-0.5 * self.unseen))
+
+    @property
+    def by_output(self) -> InUse:
+        """The same with every output for itself, as laws are compared: one that leaves an output as it is,
+        and does away with the error of the other, is no worse than one that takes a part of both."""
+        return self if self.apart is None else replace(self, fitted=self.apart[0], unseen=self.apart[1])
 
     def bic(self, n_own: int) -> float:
         """Gain for a law of `n_own` parameters."""

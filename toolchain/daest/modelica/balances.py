@@ -3,7 +3,7 @@ term."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -119,11 +119,12 @@ def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
     rates, definitions = _rates(slopes, unmoved, _own_unknowns(flat))
     positions = {rate: variable for variable, rate in rates.items()}
     assigned = set() if flat.events is None else {one.unknown for one in flat.events.assignments}
+    moving = set(np.flatnonzero(np.any(slopes[:, slopes.shape[1] // 2 :], axis=0)).tolist())
     found: list[Balance] = []
     for row in rows:
         if row in definitions:
             continue
-        for variable, rate in _balanced(slopes[row], rates):
+        for variable, rate in _balanced(slopes[row], rates, moving):
             if variable not in assigned:
                 sign = float(np.sign(slopes[row, rate]))
                 found.append(Balance(row, variable, sign, positions.get(variable, -1), rate))
@@ -154,16 +155,21 @@ def _matched(graph: np.ndarray) -> int:
     return int(np.sum(maximum_matching(sp.csr_array(graph)) >= 0)) if graph.size else 0
 
 
-def _balanced(slopes: np.ndarray, rates: Mapping[int, int]) -> list[tuple[int, int]]:
-    """The variables whose rates a row with these `slopes` (2n,) gives, and where each rate stands.
+def _balanced(slopes: np.ndarray, rates: Mapping[int, int], moving: Container[int]) -> list[tuple[int, int]]:
+    """The variables whose rates a row with these `slopes` (2n,) gives, and where each rate stands. `moving`
+    are the unknowns whose derivatives stand in any row.
 
     `A*v` in `m*der(v) = A*p - d*v` and in `C*der(p) = q - A*v` is no rate of a position, although v is: a
-    derivative goes before the unknowns that equal one, and of these the highest before the lower ones."""
+    derivative goes before the unknowns that equal one, and of these the highest before the lower ones. An
+    acceleration that has a name of its own, and no rate, stands for its derivative: it is as high as one."""
     n = slopes.size // 2
-    explicit = [(i - n, i) for i in np.flatnonzero(slopes[n:]) + n]
+    explicit = [(i - n, i) for i in (np.flatnonzero(slopes[n:]) + n).tolist()]
     named = [(variable, rate) for variable, rate in rates.items() if slopes[rate]]
     lower = {variable for variable, rate in named if any(higher == rate for higher, _ in named)}
-    return [(int(a), int(b)) for a, b in explicit] or sorted(one for one in named if one[0] not in lower)
+    if explicit:
+        named = [one for one in named if one[1] not in moving]
+    highest = [one for one in named if one[0] not in lower]
+    return sorted([*explicit, *highest])
 
 
 def own_laws(flat: FlatModel) -> list[int]:
