@@ -77,13 +77,12 @@ def rivals_in_use(used: InUse, n_own: int, other: InUse, n_other: int) -> bool:
     simulation: it says more there, or as much for as many independent samples."""
     if says_more_in_use(used, other):
         return True
-    fewest = {
-        "n_independent": min(used.n_independent, other.n_independent),
-        "n_unseen": min(used.n_unseen, other.n_unseen),
-    }
-    if fewest["n_independent"] < GATES.min_independent:
+    n = min(used.n_independent, other.n_independent)
+    n_unseen = min(used.n_unseen, other.n_unseen)
+    if n < GATES.min_independent:
         return False
-    own, others = replace(used, **fewest).bic(n_own), replace(other, **fewest).bic(n_other)
+    pairs = ((used, n_own), (other, n_other))
+    own, others = (replace(u, n_independent=n, n_unseen=n_unseen).bic(m) for u, m in pairs)
     is_better = used.ratio < GATES.max_clear_ratio and used.certainty > 0.0
     return is_better and own > max(GATES.min_bic_gain, others - GATES.same_bic)
 
