@@ -169,10 +169,10 @@ def path(bic, rms, adds_up=False):
     agreement = {"validation": Agreement({}, {"y": rms})}
     told = SimpleNamespace(simulated=agreement)
     stand = SimpleNamespace(told=told, reference=SimpleNamespace(adds_up=adds_up))
-    return SimpleNamespace(stand=stand, bic=bic)
+    return SimpleNamespace(stand=stand, bic=bic, steps=(SimpleNamespace(fit=None),))
 
 
-def test_unseen_data_come_before_the_likelihood():
+def test_unseen_data_come_before_the_likelihood(monkeypatch):
     likely, foresees = path(-1000.0, 1.0), path(-900.0, 0.5)
     assert improving._is_ahead(foresees, likely) and not improving._is_ahead(likely, foresees)
     alike = path(-900.0, 0.99)
@@ -183,6 +183,10 @@ def test_unseen_data_come_before_the_likelihood():
     close = path(-1003.0, 1.0)
     assert not improving._is_ahead(close, likely) and improving._leading([likely, close]) == [likely, close]
     assert improving._leading([likely, alike, foresees]) == [foresees]
+    # What an effect makes likelier of which nothing is known any more is no better for it.
+    monkeypatch.setattr(improving, "_doubtful", lambda steps: [0] if steps is likely.steps else [])
+    assert not improving._is_ahead(likely, alike) and improving._leading([alike, likely]) == [alike, likely]
+    assert improving._is_ahead(foresees, likely)
 
 
 def test_effect_is_doubtful_once_no_size_of_it_is_certain():
