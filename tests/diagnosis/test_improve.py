@@ -169,10 +169,12 @@ def path(bic, rms, adds_up=False):
     agreement = {"validation": Agreement({}, {"y": rms})}
     told = SimpleNamespace(simulated=agreement)
     stand = SimpleNamespace(told=told, reference=SimpleNamespace(adds_up=adds_up))
-    return SimpleNamespace(stand=stand, bic=bic, steps=(SimpleNamespace(fit=None),))
+    return SimpleNamespace(stand=stand, bic=bic, steps=(f"of {bic}, {rms}",))
 
 
 def test_unseen_data_come_before_the_likelihood(monkeypatch):
+    doubted: list = []
+    monkeypatch.setattr(improving, "_doubtful", lambda steps: [0] if steps in doubted else [])
     likely, foresees = path(-1000.0, 1.0), path(-900.0, 0.5)
     assert improving._is_ahead(foresees, likely) and not improving._is_ahead(likely, foresees)
     alike = path(-900.0, 0.99)
@@ -184,7 +186,7 @@ def test_unseen_data_come_before_the_likelihood(monkeypatch):
     assert not improving._is_ahead(close, likely) and improving._leading([likely, close]) == [likely, close]
     assert improving._leading([likely, alike, foresees]) == [foresees]
     # What an effect makes likelier of which nothing is known any more is no better for it.
-    monkeypatch.setattr(improving, "_doubtful", lambda steps: [0] if steps is likely.steps else [])
+    doubted.append(likely.steps)
     assert not improving._is_ahead(likely, alike) and improving._leading([alike, likely]) == [alike, likely]
     assert improving._is_ahead(foresees, likely)
 
