@@ -15,6 +15,8 @@ from daest.diagnosis.null import fit_null
 from daest.diagnosis.open_loop import (
     Simulated,
     _certainty,
+    _independent,
+    _independent_in_mean,
     driven_share,
     in_use,
     is_far_behind,
@@ -84,6 +86,15 @@ def test_every_output_counts_for_itself_where_laws_are_compared():
     assert gain.unseen < bend.unseen and gain.by_output.unseen > bend.by_output.unseen
     assert bend.by_output.bic(2) == pytest.approx(bend.bic(2))
     assert gain.by_output.n_unseen == gain.n_unseen and InUse().by_output == InUse()
+
+
+def test_a_constant_beside_a_slow_error_is_as_uncertain_as_that_error_is_slow():
+    """Its mean square is known from twice as many samples as its mean, with which a constant goes."""
+    slow = lasting(4000, 1, 0.99)[:, 0]
+    gap = 2.0 * slow - 1.0
+    by_mean, by_square = (one(gap - gap.mean()) for one in (_independent_in_mean, _independent))
+    assert by_mean < 0.7 * by_square
+    assert _independent_in_mean(np.zeros(10)) == 0.0
 
 
 def test_what_is_not_known_says_nothing():

@@ -261,7 +261,8 @@ def in_use(before: Simulated | None, after: Simulated | None) -> InUse:
     seen, foreseen = (_squares(one.unseen, size) for one in (before, after))
     if not seen.size or seen.size != foreseen.size or old.size != new.size:
         return InUse()  # one of them ran away
-    blocks = int(min(sum(_independent(c) for c in _scaled(before.unseen, size)), of_unseen, MOST_BLOCKS))
+    known = sum(_independent(c) for c in _scaled(before.unseen, size)), of_unseen
+    blocks = int(min(*known, _independent_in_mean(seen - foreseen), MOST_BLOCKS))
     return InUse(
         fitted=float(np.log(np.mean(old) / np.mean(new))),
         unseen=float(np.log(np.mean(seen) / np.mean(foreseen))),
@@ -329,6 +330,13 @@ def _independent(course: np.ndarray) -> float:
     """How many independent samples tell the mean square of a course as well: n / (1 + 2 Σ ρ_k²)."""
     rho = _correlation(course)
     return course.size / (1.0 + 2.0 * float(np.sum(rho**2)))
+
+
+def _independent_in_mean(course: np.ndarray) -> float:
+    """How many independent samples tell the mean of a course as well: what a constant load does to a slow
+    error goes with that error, and not with its square, and lasts twice as long."""
+    error = _error_of_mean(course)
+    return float(np.var(course)) / error**2 if error > 0.0 else 0.0
 
 
 def _error_of_mean(course: np.ndarray) -> float:
