@@ -165,11 +165,11 @@ def test_likelier_effect_takes_the_place_of_one_that_has_stood_for_it(rounds, is
     assert "in place of QuadraticDrag at rotor.flange_a, which had stood for it" in step.remark
 
 
-def path(bic, rms, adds_up=False):
+def path(bic, rms, adds_up=False, steps=None):
     agreement = {"validation": Agreement({}, {"y": rms})}
     told = SimpleNamespace(simulated=agreement)
     stand = SimpleNamespace(told=told, reference=SimpleNamespace(adds_up=adds_up))
-    return SimpleNamespace(stand=stand, bic=bic, steps=(f"of {bic}, {rms}",))
+    return SimpleNamespace(stand=stand, bic=bic, steps=steps or (f"of {bic}, {rms}",))
 
 
 def test_unseen_data_come_before_the_likelihood(monkeypatch):
@@ -231,9 +231,9 @@ def test_effect_that_leaves_nothing_of_an_earlier_one_simulates_no_worse(std_err
     )
     first = Step(proof, proof.fit, found([proof]), "supported")
     asis = Step(None, proof.fit, None, "")
-    before = SimpleNamespace(**vars(path(0.0, 1.0)), steps=(asis, first))
+    before = path(0.0, 1.0, steps=(asis, first))
     further = Step(proof_of("QuadraticDrag"), fit, found([proof]), "supported")
-    after = SimpleNamespace(**vars(path(-1.0, rms)), steps=(asis, first, further))
+    after = path(-1.0, rms, steps=(asis, first, further))
     assert improving._displaces(before, after) == is_refused
     if is_refused:
         said = improving._displaced(before, after)
