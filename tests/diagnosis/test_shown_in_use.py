@@ -9,6 +9,8 @@ from numpy.testing import assert_allclose
 from daest.diagnosis import stand as stand_module
 from daest.diagnosis.candidates import attached, fed
 from daest.diagnosis.chosen import chosen_candidates
+from daest.diagnosis.null import at_fit
+from daest.diagnosis.open_loop import simulated_errors
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.stand import begin, reference_of
 from daest.model.experiment import Experiment
@@ -71,8 +73,8 @@ def test_reference_keeps_the_simulation_that_unseen_data_like_less(monkeypatch):
     monkeypatch.setattr(stand_module, "fit_by_simulation", lambda *_: opened)
     again = reference_of(stand.null, stand.baseline, stand.validation)
     assert again.fit.method == "pem" and again.opened is opened
-    white = stand_module._simulated_with(stand.null, again.fit, stand.validation)
-    own = stand_module._simulated_with(stand.null, opened, stand.validation)
+    white = simulated_errors(at_fit(stand.null, again.fit), stand.validation)
+    own = simulated_errors(at_fit(stand.null, opened), stand.validation)
     for one, other in zip(again.simulated.fitted, own.fitted, strict=True):
         assert_allclose(one, other)
     for one, other in zip(again.simulated.unseen, white.unseen, strict=True):

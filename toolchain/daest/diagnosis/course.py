@@ -118,7 +118,7 @@ class Course:
             pieces = in_pieces(self.stand, self.loads.run)
             if pieces is None or pieces.reference is None:
                 return tuple(proofs), True
-            used = open_screen(pieces.null, pieces.reference.fit, self.candidates, self.options.seed)
+            used = open_screen(pieces.null, pieces.reference.start_in_use, self.candidates, self.options.seed)
             leaders = [] if used is None else _leaders_in_use(used, MOST_IN_PIECES)
             stages = self._stages()
             found = stages.shown_by_leaders(pieces, leaders, proofs)

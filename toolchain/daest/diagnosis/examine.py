@@ -91,8 +91,7 @@ def _examined(
         found = screen(null, run, known, options.seed, pool if is_only else None)
         if reference is None or is_only:
             return stand, known, run, found, None
-        opened = reference.opened or reference.fit
-        return stand, known, run, found, open_screen(null, opened, known, options.seed)
+        return stand, known, run, found, open_screen(null, reference.start_in_use, known, options.seed)
 
     # All together: what comes from an earlier run shares its symbols.
     names, began = [candidate.label for candidate in candidates], stand.began
@@ -138,10 +137,9 @@ def _examined(
         proofs, is_in_time = course.in_pieces(proofs)
         is_whole = is_whole and is_in_time
         decided = verdicts.decide(replace(evidence, proofs=proofs))
-    message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
-    found_before = decided.name
     decided, beside_values = _with_values(stand, run, decided, options, progress)
-    message = (message if decided.name == found_before else decided.message) + beside_values
+    message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
+    message += beside_values
     if decided.name not in ("supported", "nothing missing"):
         message += _said_of_inputs(null, stand.told)
     if decided.name not in EXPLAINED:

@@ -209,7 +209,7 @@ def _fitted_in_use(
         prepared.flat,
         prepared.names,
         [f"{candidate.name}.{p.name}" for p in candidate.effect.sizes],
-        reference.opened or reference.fit,
+        reference.start_in_use,
         fed(stand.null.experiments, candidate),
         fed(stand.validation, candidate),
         begun,

@@ -497,6 +497,12 @@ def grown(
     )
 
 
+def at_fit(null: Null, fit: FitResult) -> Null:
+    """The null at the values of another fit of its own model."""
+    flat = null.flat.with_theta(fit.theta)
+    return grown(null, flat, replace(null.explicit, flat=flat), fit, null.experiments)
+
+
 def loads_of(fit: FitResult, places: Sequence[LoadPlace]) -> tuple[Load, ...]:
     """Size and time constant of every load in a fit."""
     intensity = {n.name: n.value for n in fit.noises if n.kind == "process"}

@@ -15,7 +15,7 @@ import numpy as np
 
 from daest.diagnosis.candidates import fed
 from daest.diagnosis.free_starts import free_runs
-from daest.diagnosis.null import Null, grown
+from daest.diagnosis.null import Null, at_fit, grown
 from daest.diagnosis.open_loop import errors_in_pieces
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.settled import better_of, fit_by_simulation
@@ -47,9 +47,7 @@ def in_pieces(stand: Stand, run: NullObserver) -> Stand | None:
         fit = better_of(reference.fit, found)
         if fit.method != "oe":
             return None
-        flat = null.flat.with_theta(fit.theta)
-        model = grown(alone, flat, replace(null.explicit, flat=flat), fit, experiments)
-        errors = errors_in_pieces(model, unseen)
+        errors = errors_in_pieces(at_fit(alone, fit), unseen)
     if errors is None:
         return None
     known = replace(reference, fit=fit, foreseen=None, adds_up=False, simulated=errors, holding=())

@@ -88,6 +88,11 @@ class Reference:
     holding: tuple[str, ...] = ()
     opened: FitResult | None = None
 
+    @property
+    def start_in_use(self) -> FitResult:
+        """Where laws are looked for in open loop from."""
+        return self.opened or self.fit
+
 
 @dataclass(frozen=True)
 class Searched:

@@ -16,7 +16,7 @@ from scipy.linalg import LinAlgWarning
 from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import Null, as_recorded, fit_null, grown, known_values, moved_apart, refit
+from daest.diagnosis.null import Null, as_recorded, at_fit, fit_null, known_values, moved_apart, refit
 from daest.diagnosis.open_loop import Simulated, simulated_errors
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import Reference, bic_gain
@@ -338,17 +338,11 @@ def _errors_of(
 ) -> Simulated | None:
     """Errors of the fit by simulation, those of unseen data of the fit that is `told`, which simulates them
     best; None where there are none."""
-    errors = _simulated_with(null, opened, validation)
+    errors = simulated_errors(at_fit(null, opened), validation)
     if errors is None or told.method == "oe":
         return errors
-    others = _simulated_with(null, told, validation)
+    others = simulated_errors(at_fit(null, told), validation)
     return errors if others is None else replace(errors, unseen=others.unseen)
-
-
-def _simulated_with(null: Null, fit: FitResult, validation: Sequence[Experiment]) -> Simulated | None:
-    flat = null.flat.with_theta(fit.theta)
-    explicit = replace(null.explicit, flat=flat)
-    return simulated_errors(grown(null, flat, explicit, fit, null.experiments), validation)
 
 
 @contextmanager
