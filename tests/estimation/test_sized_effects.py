@@ -24,6 +24,9 @@ equation
   der(v) = f - c*s - 2*v - c3*s^3;
 end Duffing;
 """
+BIAS = """  parameter Real b(unit = "N") = 20
+    annotation(__Daest(estimate = true, role = "size", null = 0));
+  input"""
 TRUTH = {"c": 120.0, "c3": 4000.0}
 
 
@@ -50,3 +53,17 @@ def test_a_size_of_which_nothing_is_known_is_found(start):
     for parameter in fit.parameters:
         assert abs(parameter.value - TRUTH[parameter.name]) < 4.0 * parameter.std_error
     assert fit.simulated["estimation"].rms["s"] == pytest.approx(0.001, rel=0.1)
+
+
+def test_a_size_that_a_wrong_model_does_not_ask_for_is_still_searched_for():
+    # With seven times the true stiffness, next to no cubic spring and no load fit best.
+    text = MODEL.replace("1e9", "20000.0").replace('c(unit = "N/m") = 100', 'c(unit = "N/m") = 800')
+    flat = compile_text(
+        text.replace("c3*s^3", "c3*s^3 - b", 1).replace("  input", BIAS, 1).encode(), Path("D.mo")
+    )
+    fit = identify(flat, [recording()], IdentifyOptions(method="oe", hold="foh"))
+    found = {p.name: p for p in fit.parameters}
+    assert fit.is_converged
+    assert abs(found["c3"].value - TRUTH["c3"]) < 4.0 * found["c3"].std_error
+    assert found["c3"].initial == 20000.0  # what was given is told, not where the search began
+    assert found["b"].initial == 20.0

@@ -90,6 +90,11 @@ class Unknowns:
         Shapes: (p,)."""
         return np.array([np.log(10.0) if c.is_log else 3.0 for c in self.coordinates])
 
+    def with_initial_of(self, other: Unknowns) -> Unknowns:
+        """These unknowns with the start values of the same ones in `other`."""
+        pairs = zip(self.coordinates, other.coordinates, strict=True)
+        return replace(self, coordinates=tuple(replace(c, initial=given.initial) for c, given in pairs))
+
     def range_around(self, home: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest further start points: between the bounds of the unknowns `within`, of the others
         as far from `home` as a further start may be, and not beyond a bound. Shapes: all (p,)."""

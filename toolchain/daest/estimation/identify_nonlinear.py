@@ -36,6 +36,7 @@ from daest.estimation.nonlinear_start import (
     with_hold,
     with_other_hold,
     with_outgrown_scales,
+    with_sized_effects,
 )
 from daest.estimation.observer import AverageModel
 from daest.estimation.optimum import best_point
@@ -96,15 +97,16 @@ def identify_nonlinear(explicit: Dynamics, setup: Setup, tell: Tell = silent) ->
 
 def nonlinear_start(explicit: Dynamics, setup: Setup) -> tuple[Setup, TrajectoryProblem, np.ndarray]:
     """The setup in scales of the data, and the simulation that a search begins with, at its start (n_z,)."""
-    unscaled = _problem(explicit, setup)
+    unscaled = with_sized_effects(_problem(explicit, setup))
 
     def at_start() -> Evaluation | None:
         return objective(unscaled)(unscaled_start(unscaled), True)
 
-    setup = replace(setup, unknowns=rescaled(setup.unknowns, at_start, setup.n_observed))
+    unknowns = rescaled(unscaled.unknowns, at_start, setup.n_observed)
     # The search that follows moves the initial states, too: where it is rough, so is its start.
     enough = FIT.converged_gain if setup.options.rtol is None else FIT.rough_start_gain
-    problem, z = started(replace(unscaled, unknowns=setup.unknowns), enough)
+    problem, z = started(replace(unscaled, unknowns=unknowns), enough)
+    setup = replace(setup, unknowns=unknowns.with_initial_of(setup.unknowns))
     return setup, *with_hold(problem, z, setup.options)
 
 

@@ -35,9 +35,8 @@ def started(
     problem: TrajectoryProblem, enough: float = FIT.converged_gain
 ) -> tuple[TrajectoryProblem, np.ndarray]:
     """State scales from a first simulation, and initial states that fit the beginning of each experiment,
-    searched until a step would gain less than `enough` in log-likelihood. Sizes of effects start where their
-    simulation fits best. Shapes: the search vector is (n_z,)."""
-    problem = with_sized_effects(problem)
+    searched until a step would gain less than `enough` in log-likelihood. Shapes: the search vector is
+    (n_z,)."""
     problem, z = scaled(problem, unscaled_start(problem))
     return problem, fit_initial_states(problem, z, *limits(problem), enough)
 
@@ -54,7 +53,8 @@ def with_sized_effects(problem: TrajectoryProblem) -> TrajectoryProblem:
     better there from its own initial state.
 
     A size of which nothing is known stands at the number of its class, which may be a million times too
-    large: from there a search ends where the effect does something else.
+    large: from there a search ends where the effect does something else. Of the sizes that fit about alike
+    the largest are taken: at next to none, the data show no effect to search for.
     """
     parameters = problem.model.explicit.flat.parameters
     nulls = {p.name: p.null for p in parameters if p.null is not None}
@@ -70,8 +70,13 @@ def with_sized_effects(problem: TrajectoryProblem) -> TrajectoryProblem:
         found = objective(tried)(z, False)
         return np.inf if found is None else found.value
 
-    sized = [replace(problem, unknowns=_shrunk(problem.unknowns, nulls, by)) for by in SIZES]
-    return min([problem, *sized], key=misfit)
+    sized = [problem, *(replace(problem, unknowns=_shrunk(problem.unknowns, nulls, by)) for by in SIZES)]
+    misfits = [misfit(one) for one in sized]
+    least = min(misfits)
+    if not np.isfinite(misfits[0]):
+        return sized[misfits.index(least)]
+    enough = misfits[0] - FIT.gained_by_sizes * (misfits[0] - least)
+    return next(one for one, value in zip(sized, misfits, strict=True) if value <= enough)
 
 
 def _shrunk(unknowns: Unknowns, nulls: Mapping[str, float], by: float) -> Unknowns:
