@@ -30,6 +30,18 @@ equation
   room = air.T;
 end Room;
 """
+WEATHER = """model Weather
+  parameter Real C(unit = "J/K", min = 0) = 3e5 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real R(unit = "K/W", min = 0) = 0.02 annotation(__Daest(estimate = true, scale = "log"));
+  input Real heater(unit = "W");
+  input Real outdoor(unit = "K");
+  output Real room(unit = "K");
+  Real T(unit = "K", start = 280);
+equation
+  C*der(T) = heater - (T - outdoor)/R;
+  room = T;
+end Weather;
+"""
 BATTERY = """model Battery
   parameter Real C(unit = "F", min = 0) = 1e5 annotation(__Daest(estimate = true, scale = "log"));
   parameter Real R(unit = "Ohm", min = 0) = 0.06 annotation(__Daest(estimate = true, scale = "log"));
@@ -100,11 +112,40 @@ def test_wall_behind_a_room(tmp_path) -> None:
     shaken = np.array([2e-3, 0.0])
     names = (("heater",), ("room",))
     record = recorded(A, B, np.array([1.0, 0.0]), 0.0, 280.0, [0.0, 1500.0], 120.0, 20, 0.03, shaken, names)
-    diagnosis = found(tmp_path, ROOM, record, ("ExtraHeatCapacity", "Conduction"))
+    # Behind a constant temperature outdoors nothing tells how deep inside the wall its mass is.
+    diagnosis = found(tmp_path, ROOM, record, ("ExtraHeatCapacity", "WallCapacity", "Conduction"))
     assert diagnosis.verdict == "supported", diagnosis.message
     best = diagnosis.proofs[0]
     assert best.candidate.effect.name == "ExtraHeatCapacity"
     for name, true in (("G", G), ("T", T)):
+        own = next(p for p in best.told.parameters if p.name == f"{best.candidate.name}.{name}")
+        assert abs(own.value - true) < 4.0 * own.std_error
+
+
+def test_wall_between_a_room_and_the_weather(tmp_path) -> None:
+    """The mass is a third of the resistance away from the room: no heat store at the room does the same."""
+    C, R, inner, C_wall = 4e5, 0.02, 0.006, 6e5
+    share, T_wall = inner / R, C_wall * inner * (R - inner) / R
+    conductance = C_wall / T_wall
+    A = np.array([[-1.0 / inner / C, 1.0 / inner / C], [1.0 / inner, -1.0 / inner - 1.0 / (R - inner)]])
+    A[1] /= C_wall
+    B = np.array([[1.0 / C, 0.0], [0.0, 1.0 / (R - inner) / C_wall]])
+    rng, dt = np.random.default_rng(7), 300.0
+    whole = expm(np.block([[A, B], [np.zeros((2, 4))]]) * dt)
+    heater = np.repeat(rng.choice([0.0, 1500.0], 25), 20)
+    outdoor = 276.0 + np.cumsum(rng.normal(0.0, 0.4, heater.size))
+    x, room = np.full(2, outdoor[0]), []
+    for u in np.column_stack([heater, outdoor]):
+        room.append(x[0] + rng.normal(0.0, 0.02))
+        x = whole[:2, :2] @ x + whole[:2, 2:] @ u
+    inputs, names = np.column_stack([heater, outdoor]), (("heater", "outdoor"), ("room",))
+    record = Experiment("run", dt * np.arange(heater.size), inputs, np.array(room)[:, None], *names)
+    effects = ("ExtraHeatCapacity", "WallCapacity", "Conduction")
+    diagnosis = found(tmp_path, WEATHER, record, effects)
+    assert diagnosis.verdict == "supported", diagnosis.message
+    best = diagnosis.proofs[0]
+    assert best.candidate.effect.name == "WallCapacity"
+    for name, true in (("G", conductance), ("T", T_wall), ("share", share)):
         own = next(p for p in best.told.parameters if p.name == f"{best.candidate.name}.{name}")
         assert abs(own.value - true) < 4.0 * own.std_error
 

@@ -47,7 +47,7 @@ EXPECTED = {
             "GrowingCapacity",
         ]
     ),
-    "Thermal": frozenset(["Radiation", "MeasuredHeatGain", "MeasuredVentilation"]),
+    "Thermal": frozenset(["Radiation", "MeasuredHeatGain", "MeasuredVentilation", "WallCapacity"]),
     "Hydraulic": frozenset(["Orifice", "Overflow", "Weir", "Downpipe", "FreeOutlet", "WideningTank"]),
     "Signals": frozenset(
         [
@@ -133,6 +133,7 @@ def test_states_and_dynamics() -> None:
     expected |= {"Rotational.FlexibleAppendage": 2, "Translational.FlexibleAppendage": 2}
     expected |= {"Rotational.DraggedInertia": 1, "Translational.DraggedMass": 1}
     expected |= {"Electrical.VoltageRelaxation": 1, "Thermal.ExtraHeatCapacity": 1}
+    expected |= {"Thermal.WallCapacity": 1}
     assert states == expected
     dynamic = {effect.name for effect in EFFECTS if effect.is_dynamic}
     assert dynamic == {

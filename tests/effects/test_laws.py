@@ -86,6 +86,10 @@ OTHERS: dict[str, tuple[str, Law]] = {
     "Radiation": ("Q_flow", lambda v: v["Gr"] * SIGMA * (v["port_a.T"] ** 4 - v["port_b.T"] ** 4)),
     "Conduction": ("Q_flow", lambda v: v["G"] * v["dT"]),
     "ExtraHeatCapacity": ("Q_flow", lambda v: -v["G"] * v["z"]),
+    "WallCapacity": (
+        "Q_flow",
+        lambda v: v["G"] * ((1 - v["share"]) * v["port_a.T"] + v["share"] * v["port_b.T"] - v["T_w"]),
+    ),
     "ConstantHeatGain": ("Q_flow", lambda v: v["Q_0"]),
     "HeatLoss": ("Q_flow", lambda v: -v["G"] * (v["port.T"] - v["T_0"])),
     "RadiationLoss": ("Q_flow", lambda v: -v["Gr"] * 5.670374419e-8 * (v["port.T"] ** 4 - v["T_0"] ** 4)),

@@ -19,10 +19,11 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import expm
 
-from daest.errors import EstimationError
+from daest.errors import EstimationError, ModelError
 from daest.model.flat import ExplicitModel
 from daest.numerics.evaluator import along
 from daest.numerics.recursions import linear_recursion
+from daest.systems.initialize import initial_point
 
 STEP_DECIMALS = 9  # of a step in the usual one, to which steps are the same
 Inputs = tuple[np.ndarray, np.ndarray]  # u (n_u, n_samples) and v (n_v, n_samples)
@@ -31,7 +32,8 @@ Inputs = tuple[np.ndarray, np.ndarray]  # u (n_u, n_samples) and v (n_v, n_sampl
 @dataclass(frozen=True)
 class GrownStates:
     """`common` rows of the states of `explicit` are T (n, n) times the states of the model without effects;
-    the `brought` ones are integrals of what the others and they themselves determine."""
+    the `brought` ones are integrals of what the others and they themselves determine, from where initial
+    equations of the effects ask for, else from zero."""
 
     explicit: ExplicitModel
     T: np.ndarray
@@ -55,53 +57,69 @@ class GrownStates:
 def with_integrals(
     explicit: ExplicitModel, rows: list[int], time: np.ndarray, states: np.ndarray, inputs: Inputs
 ) -> np.ndarray:
-    """`states` (n_samples, n) with the integrals of their rates, from zero, in the columns `rows`, as
-    `brought_rows` tells them: each rate is a + b x in its own state x, or a + B x with a constant B among
-    states that move each other."""
+    """`states` (n_samples, n) with the integrals of their rates, from where initial equations ask for, else
+    from zero, in the columns `rows`, as `brought_rows` tells them: each rate is a + b x in its own state x,
+    or a + B x with a constant B among states that move each other."""
     if not rows:
         return states
     result = states.copy()
     result[:, rows] = 0.0
+    starts = _starts(explicit, rows, result[0], inputs)
     arguments, rates, slopes = _rates_among(explicit, rows)
     law = ca.Function("rates", arguments, [ca.densify(part) for part in (rates, ca.diag(slopes))])
     w = np.zeros(explicit.rhs.numel_in(3))
     columns = [result, *(part.T for part in inputs), w, time[:, None]]
     a, b = (np.ascontiguousarray(part.T) for part in along(law, columns))
     alone, together = _apart(slopes)
-    result[:, [rows[i] for i in alone]] = _integrals(time, a[alone], b[alone])
+    result[:, [rows[i] for i in alone]] = _integrals(time, a[alone], b[alone], starts[alone])
     if together:
         among = ca.Function("among", arguments, [slopes[together, together]])
         B = np.array(among(*(np.zeros(argument.numel()) for argument in arguments)))
-        result[:, [rows[i] for i in together]] = _linear_motion(time, a[together], B)
+        result[:, [rows[i] for i in together]] = _linear_motion(time, a[together], B, starts[together])
     return result
 
 
-def _integrals(time: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """x (n_samples, n) of x' = a + b x from zero, with a and b (n, n_samples); exact where they are constant
-    over an interval."""
+def _starts(explicit: ExplicitModel, rows: list[int], states: np.ndarray, inputs: Inputs) -> np.ndarray:
+    """Initial values (n_rows,) of the states `rows` by the initial equations that effects bring, beside the
+    other `states` (n,); zeros where there are none, or they contradict these."""
+    zeros = np.zeros(len(rows))
+    if not explicit.flat.initial_equations:
+        return zeros
+    given = {name: states[i] for i, name in enumerate(explicit.state_names) if i not in rows}
+    u, v = (part[:, 0] for part in inputs)
+    with suppress(ModelError):
+        return initial_point(explicit, u0=u, v0=v, given=given)[0][rows]
+    return zeros
+
+
+def _integrals(time: np.ndarray, a: np.ndarray, b: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """x (n_samples, n) of x' = a + b x from `starts` (n,), with a and b (n, n_samples); exact where they are
+    constant over an interval."""
     if not np.any(b):
-        return np.asarray(cumulative_trapezoid(a, time, axis=1, initial=0.0)).T
+        return starts + np.asarray(cumulative_trapezoid(a, time, axis=1, initial=0.0)).T
     a, b = (0.5 * (part[:, 1:] + part[:, :-1]) for part in (a, b))
     grows = np.diff(time) * b
     shares = np.where(grows == 0.0, 1.0, np.expm1(grows) / np.where(grows == 0.0, 1.0, grows))
     added, kept = np.diff(time) * shares * a, np.exp(grows)
     x = np.zeros((time.size, a.shape[0]))
+    x[0] = starts
     for k in range(time.size - 1):
         x[k + 1] = kept[:, k] * x[k] + added[:, k]
     return x
 
 
-def _linear_motion(time: np.ndarray, a: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """x (n_samples, n) of x' = a + B x from zero, with a (n, n_samples) and B (n, n); exact where a is
-    constant over an interval."""
+def _linear_motion(time: np.ndarray, a: np.ndarray, B: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """x (n_samples, n) of x' = a + B x from `starts` (n,), with a (n, n_samples) and B (n, n); exact where a
+    is constant over an interval."""
     n = B.shape[0]
     usual = float(np.median(np.diff(time)))
     steps, which = np.unique(np.round(np.diff(time) / usual, STEP_DECIMALS), return_inverse=True)
     over = [expm(step * usual * np.block([[B, np.eye(n)], [np.zeros((n, 2 * n))]])) for step in steps]
     means = 0.5 * (a[:, 1:] + a[:, :-1])
     if len(over) == 1:
-        return linear_recursion(over[0][:n, :n], means.T @ over[0][:n, n:].T, np.zeros(n))
+        return linear_recursion(over[0][:n, :n], means.T @ over[0][:n, n:].T, starts)
     x = np.zeros((time.size, n))
+    x[0] = starts
     for k, one in enumerate(which):
         x[k + 1] = over[one][:n, :n] @ x[k] + over[one][:n, n:] @ means[:, k]
     return x
