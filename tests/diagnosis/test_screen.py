@@ -245,6 +245,14 @@ def test_two_effects_that_say_little_alone_and_much_together_are_a_pair():
     assert promising_pairs(weak) == []
     absorbed = replace(hidden, entries=tuple(replace(e, absorbed=True) for e in hidden.entries))
     assert promising_pairs(absorbed) == []
+    # One effect with two shapes, which a model holds once, does not come before two effects.
+    other_shape = replace(drag, shape={"speed": 1.0})
+    twice = np.array(
+        [[1.0, -0.95, -0.9, 0.0], [-0.95, 1.0, 0.9, 0.0], [-0.9, 0.9, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    )
+    shapes = (*hidden.entries[:1], entry_of(other_shape, 4.0, 1.0), *hidden.entries[1:])
+    first, *_ = promising_pairs(Screen(shapes, twice, 1.0, 4, ()))
+    assert {entry.candidate.effect.name for entry in first} == {"QuadraticDrag", "CoulombFriction"}
 
 
 def test_no_candidate_is_an_error():

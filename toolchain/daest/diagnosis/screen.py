@@ -741,7 +741,8 @@ def value_scores(null: Null, run: NullObserver, names: Sequence[str]) -> list[Sc
 
 def promising_pairs(found: Screen) -> list[tuple[Screened, Screened]]:
     """Pairs of candidates of one size each whose joint score says much more than any of all candidates alone,
-    and more than a search over all pairs finds by chance; the best first.
+    and more than a search over all pairs finds by chance; the best first. One effect with two shapes at one
+    place is no pair: a model holds it once.
 
     The scores z of two responses with the correlation ρ have the joint statistic
     (z₁² + z₂² - 2ρ z₁z₂)/(1 - ρ²), chi-squared with two degrees of freedom where nothing is missing."""
@@ -758,7 +759,8 @@ def promising_pairs(found: Screen) -> list[tuple[Screened, Screened]]:
     beside = (z[:, None] - rho * z[None]) / away  # the size of the first beside the second, in its errors
     one_sided = np.array([p.min is not None and p.min >= null for p, null in zip(sizes, nulls, strict=True)])
     possible = ~one_sided[:, None] | (beside > 0.0)
-    possible &= possible.T & (np.abs(rho) < GATES.same_place_correlation)
+    labels = np.array([e.candidate.label for e in entries])
+    possible &= possible.T & (np.abs(rho) < GATES.same_place_correlation) & (labels[:, None] != labels[None])
     n_pairs = len(entries) * (len(entries) - 1) // 2
     alone = max(e.score for e in found.entries) ** 2
     possible &= 0.5 * (joint - alone) > GATES.min_bic_gain
