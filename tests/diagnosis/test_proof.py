@@ -395,6 +395,8 @@ def test_bend_far_from_zero_that_the_recordings_show_straight_is_a_gain(name, va
         ("QuadraticGain", {"a": -3.0}, False),  # reads less where there is more
         ("Saturation", {"share": 0.5, "limit": 0.3}, True),
         ("Saturation", {"share": 1.0, "limit": 0.3}, False),  # tells nothing beyond
+        ("DeadZone", {"width": 0.4, "u_s": 1e-4}, True),  # hardly ever inside of it
+        ("DeadZone", {"width": 4.0, "u_s": 1e-4}, False),  # tells nothing inside
         ("AbsoluteValueSensor", {"share": 1.0}, False),  # tells no sign
         ("Gain", {"g": 0.4}, False),  # does not bend
         ("Drift", {"r": 0.01}, False),  # is no function of the signal

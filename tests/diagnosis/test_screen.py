@@ -221,7 +221,7 @@ def test_projection_leaves_nothing_of_the_parameters():
 
 
 def entry_of(candidate, score, size):
-    return Screened(candidate, score, (size,), 0.5, False, 1.0)
+    return Screened(candidate, score, (size,), 0.5, False, 1.0, size_error=abs(size) / score)
 
 
 def test_two_effects_that_say_little_alone_and_much_together_are_a_pair():
@@ -236,6 +236,12 @@ def test_two_effects_that_say_little_alone_and_much_together_are_a_pair():
     # The joint statistic by linear algebra.
     z = np.array([4.0, 3.0])
     assert 0.5 * (z @ np.linalg.inv(rho[:2, :2]) @ z - 16.0) > GATES.min_bic_gain
+    # Of two that hide each other, the sizes are those beside each other.
+    assert [one.sizes[0], other.sizes[0]] == pytest.approx(np.linalg.inv(rho[:2, :2]) @ z * [1 / 4, 1 / 3])
+    # Friction that would have to drive has no score alone; what it says against it counts beside the other.
+    braking = replace(entry_of(friction, 4.0, -1.0), score=0.0)
+    against = replace(hidden, entries=(hidden.entries[0], braking, hidden.entries[2]))
+    assert promising_pairs(against) == []
     # Friction that drives is none, and what is the same is no pair.
     opposed = replace(hidden, entries=(hidden.entries[0], entry_of(friction, 3.0, -1.0), hidden.entries[2]))
     assert promising_pairs(opposed) == []
@@ -245,6 +251,14 @@ def test_two_effects_that_say_little_alone_and_much_together_are_a_pair():
     assert promising_pairs(weak) == []
     absorbed = replace(hidden, entries=tuple(replace(e, absorbed=True) for e in hidden.entries))
     assert promising_pairs(absorbed) == []
+    # One effect with two shapes, which a model holds once, does not come before two effects.
+    other_shape = replace(drag, shape={"speed": 1.0})
+    twice = np.array(
+        [[1.0, -0.95, -0.9, 0.0], [-0.95, 1.0, 0.9, 0.0], [-0.9, 0.9, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    )
+    shapes = (*hidden.entries[:1], entry_of(other_shape, 4.0, 1.0), *hidden.entries[1:])
+    first, *_ = promising_pairs(Screen(shapes, twice, 1.0, 4, ()))
+    assert {entry.candidate.effect.name for entry in first} == {"QuadraticDrag", "CoulombFriction"}
 
 
 def test_no_candidate_is_an_error():

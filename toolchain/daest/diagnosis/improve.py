@@ -467,10 +467,13 @@ def _in_turn(stand: Stand, one: Screened, other: Screened, jobs: int) -> tuple[P
     where that one is refused. Raises what refits raise."""
     trials = [Trial(entry.candidate, entry.sizes, ()) for entry in (one, other)]
     first = proved_beside(stand, trials[0], {}, SHARPER)
-    if not gains_beside(stand, first, trials[1], SHARPER):
+    # Alone it may have gone where it vanishes, from where no search finds back.
+    sizes = zip(one.candidate.effect.sizes, one.sizes, strict=True)
+    values = {**first.fit.theta, **{f"{one.candidate.name}.{p.name}": size for p, size in sizes}}
+    if not gains_beside(stand, first, trials[1], values, SHARPER):
         return None
     beside = accept(stand, first, jobs)
-    last = proved_beside(beside, trials[1], first.fit.theta, SHARPER)
+    last = proved_beside(beside, trials[1], values, SHARPER)
     return None if last.verdict == "rejected" else (first, beside, last)
 
 

@@ -307,7 +307,8 @@ def _bend(model: Null, candidate: Candidate, told: FitResult) -> _Bend | None:
 
 def _tells_one(u: np.ndarray, change: np.ndarray) -> bool:
     """Whether every value of u + change tells one of u, both (n,): the change is a function of u, and the sum
-    grows with u all along."""
+    grows with u all along, but for where it stands still and next to nothing of the change is: a dead zone
+    that is passed at the start alone."""
     grid = np.linspace(u.min(), u.max(), ALONG)
     order = np.argsort(u)
     shown = np.interp(grid, u[order], change[order])
@@ -315,7 +316,12 @@ def _tells_one(u: np.ndarray, change: np.ndarray) -> bool:
         change
     )
     slopes = 1.0 + np.diff(shown) / np.diff(grid)
-    return bool(is_function and np.all(slopes > GATES.least_slope))
+    tells = slopes > GATES.least_slope
+    if not is_function or np.all(tells):
+        return bool(is_function)
+    cell = np.clip(np.searchsorted(grid, u, side="right") - 1, 0, slopes.size - 1)
+    untold = float(np.sum(change[~tells[cell]] ** 2))
+    return bool(np.all(slopes > -GATES.least_slope) and untold < GATES.max_untold * np.sum(change**2))
 
 
 def beyond_recordings(model: Null, candidate: Candidate, told: FitResult) -> str:

@@ -112,14 +112,18 @@ def proved_again(stand: Stand, proof: Proof, values: Mapping[str, float]) -> Pro
     return replace(found, equivalent=proof.equivalent, not_separable_from=proof.not_separable_from)
 
 
-def gains_beside(stand: Stand, first: Proof, trial: Trial, sharper: float = 1.0) -> bool:
+def gains_beside(
+    stand: Stand, first: Proof, trial: Trial, values: Mapping[str, float], sharper: float = 1.0
+) -> bool:
     """Whether a further effect, the `trial`, makes the model with that of `first` as much likelier as
-    evidence must: a refit without the judgement of `proved_beside`. Raises what refits raise."""
+    evidence must: a refit from the parameter `values` without the judgement of `proved_beside`. Raises what
+    refits raise."""
     null = stand.null
     with quiet():
         flat = with_equations(first.flat, "a further round")
         model = grown(null, flat, reduce_index(flat), first.fit, fed(null.experiments, first.candidate))
-        prepared = prepare(model.flat, model.estimated, trial, sharper=sharper)
+        begun = model.flat.with_theta({n: values[n] for n in model.estimated if n in values})
+        prepared = prepare(begun, model.estimated, trial, sharper=sharper)
         model = replace(model, experiments=fed(model.experiments, trial.candidate))
         fit = refitted(prepared.flat, prepared.reduced(), prepared.names, model).fit
     gain = fit.log_likelihood - first.fit.log_likelihood

@@ -694,6 +694,7 @@ def scored(
                 else 1.0,
                 absorbed=not test.is_seen,
                 detectable=float(detectable) if detectable > 0.0 else np.inf,
+                size_error=float(spread[test.rows][0] / own[0]) if seen[test.rows][0] else 0.0,
             )
         )
     order = np.argsort([-e.score for e in entries])
@@ -741,7 +742,9 @@ def value_scores(null: Null, run: NullObserver, names: Sequence[str]) -> list[Sc
 
 def promising_pairs(found: Screen) -> list[tuple[Screened, Screened]]:
     """Pairs of candidates of one size each whose joint score says much more than any of all candidates alone,
-    and more than a search over all pairs finds by chance; the best first.
+    and more than a search over all pairs finds by chance; the best first, with their sizes beside each other:
+    of two that hide each other, one may seem to have the wrong sign alone. One effect with two shapes at one
+    place is no pair: a model holds it once.
 
     The scores z of two responses with the correlation ρ have the joint statistic
     (z₁² + z₂² - 2ρ z₁z₂)/(1 - ρ²), chi-squared with two degrees of freedom where nothing is missing."""
@@ -751,21 +754,28 @@ def promising_pairs(found: Screen) -> list[tuple[Screened, Screened]]:
         return []
     sizes = [e.candidate.effect.sizes[0] for e in entries]
     nulls = np.array([p.null or 0.0 for p in sizes])
-    z = np.array([e.score for e in entries]) * np.sign(np.array([e.sizes[0] for e in entries]) - nulls)
+    errors = np.array([e.size_error for e in entries])
+    z = np.array([e.deviation for e in entries])
     rho = found.correlation[np.ix_(chosen, chosen)]
     away = np.maximum(1.0 - rho**2, float(np.finfo(float).eps))
     joint = (z[:, None] ** 2 + z[None] ** 2 - 2.0 * rho * z[:, None] * z[None]) / away
     beside = (z[:, None] - rho * z[None]) / away  # the size of the first beside the second, in its errors
     one_sided = np.array([p.min is not None and p.min >= null for p, null in zip(sizes, nulls, strict=True)])
     possible = ~one_sided[:, None] | (beside > 0.0)
-    possible &= possible.T & (np.abs(rho) < GATES.same_place_correlation)
+    labels = np.array([e.candidate.label for e in entries])
+    possible &= possible.T & (np.abs(rho) < GATES.same_place_correlation) & (labels[:, None] != labels[None])
     n_pairs = len(entries) * (len(entries) - 1) // 2
     alone = max(e.score for e in found.entries) ** 2
     possible &= 0.5 * (joint - alone) > GATES.min_bic_gain
     possible &= n_pairs * chi2.sf(joint, 2) < GATES.missing_level
     pairs = [(i, j) for i, j in zip(*np.nonzero(np.triu(possible, 1)), strict=True)]
     pairs.sort(key=lambda pair: -joint[pair])
-    return [(entries[i], entries[j]) for i, j in pairs]
+    sizes_beside = nulls[:, None] + beside * errors[:, None]
+
+    def at(i: int, j: int) -> Screened:
+        return replace(entries[i], sizes=(float(sizes_beside[i, j]),))
+
+    return [(at(i, j), at(j, i)) for i, j in pairs]
 
 
 class _Test:

@@ -106,7 +106,8 @@ class Screened:
     """Score of one candidate. `score` is as large as a standard normal variable when nothing is missing;
     `sizes` are the one-step estimates of the effect's sizes; `absorbed` tells that the refitted parameters do
     all that the effect could do; `detectable` is the smallest size that would have been seen (at the level of
-    the search, power 0.9); `share` is the part of the squared residual that it would explain (FMUs only)."""
+    the search, power 0.9); `share` is the part of the squared residual that it would explain (FMUs only);
+    `size_error` is the standard error of the first size alone, 0 where the parameters absorb it."""
 
     candidate: Candidate
     score: float
@@ -115,6 +116,14 @@ class Screened:
     absorbed: bool
     detectable: float
     share: float | None = None
+    size_error: float = 0.0
+
+    @property
+    def deviation(self) -> float:
+        """The first size off its null in standard errors: negative where an effect that can only brake would
+        have to drive, though its score is 0 then."""
+        off = self.sizes[0] - (self.candidate.effect.sizes[0].null or 0.0)
+        return off / self.size_error if self.size_error > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
