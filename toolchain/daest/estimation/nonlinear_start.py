@@ -229,7 +229,7 @@ def with_hold(
     problem: TrajectoryProblem, z: np.ndarray, options: IdentifyOptions
 ) -> tuple[TrajectoryProblem, np.ndarray]:
     """The given hold, or the one with the higher likelihood after short fits. Shapes: z (n_z,)."""
-    names, asked = _asked_holds(problem, options)
+    names, asked = asked_holds(problem, options)
     if len(asked) < 2:
         return problem, z
     ends: dict[Hold, Found] = {}
@@ -261,7 +261,7 @@ def _needs_slopes(problem: TrajectoryProblem) -> bool:
     return bool(acting_slopes(problem.model.explicit, unknowns.parameter_names(), unknowns.theta))
 
 
-def _asked_holds(
+def asked_holds(
     problem: TrajectoryProblem, options: IdentifyOptions
 ) -> tuple[tuple[str, ...], tuple[Hold, ...]]:
     """The inputs that move, and the holds of all alike to choose from; none where the hold is given."""
@@ -281,7 +281,7 @@ def with_other_hold(
     """A hold that was not taken, and z, where a short fit from the end of a search with
     it is likelier than that: far from the truth, holds are compared by what none explains. All inputs are
     turned, and one alone. None where the hold is given, or right. Shapes: z (n_z,)."""
-    names, asked = _asked_holds(problem, options)
+    names, asked = asked_holds(problem, options)
     if len(asked) < 2:
         return None
     ends = {problem.hold: found}
