@@ -53,6 +53,23 @@ end Pendulum;
 """
 
 
+OVEN = f"""model Oven
+  parameter Real C1(unit = "J/K", min = 0) = {{C1}} {LOG};
+  parameter Real C2(unit = "J/K", min = 0) = {{C2}} {LOG};
+  parameter Real G(unit = "W/K", min = 0) = {{G}} {LOG};
+  parameter Real h(unit = "W/K", min = 0) = {{h}} {LOG};
+  parameter Real s(unit = "m2", min = 0) = {{s}} {LOG};
+  input Real P(unit = "W");
+  input Real Ta(unit = "K");
+  output Real T(unit = "K", start = 298);
+  Real Th(unit = "K", start = 300);
+equation
+  C1*der(Th) = P - G*(Th - T);
+  C2*der(T) = G*(Th - T) - h*(T - Ta) - s*5.67e-8*(T^4 - Ta^4);
+end Oven;
+"""
+
+
 def stepped(rates, state, inputs, period, substeps):
     """States (n, n_x) at the samples under inputs (n,) that are held, by classical Runge-Kutta steps."""
     state, states, h = np.array(state, dtype=float), [], period / substeps
@@ -154,3 +171,22 @@ def test_segments_are_cut_where_predictors_lead_and_choose_the_hold():
     record, truth = pendulum()
     start = {"l": 2.0, "b": 0.05}
     assert_found(fitted(PENDULUM, record, start), truth, start, 1e-3)
+
+
+def test_the_hold_is_asked_for_again_where_residuals_are_white():
+    truth = {"C1": 600.0, "C2": 3000.0, "G": 8.0, "h": 1.5, "s": 0.2}
+    start = {"C1": 200.0, "C2": 4000.0, "G": 20.0, "h": 0.8, "s": 0.4}
+    rng, time = np.random.default_rng(1), 10.0 * np.arange(800.0)
+    power = np.clip(250.0 + steps(rng, time.size, 40, 150.0), 0.0, 600.0)
+    ambient = 293.0 + 3.0 * np.sin(time / 2000.0)
+
+    def rates(x, given):
+        power, ambient = given
+        flow = truth["G"] * (x[0] - x[1])
+        loss = truth["h"] * (x[1] - ambient) + truth["s"] * 5.67e-8 * (x[1] ** 4 - ambient**4)
+        return np.array([(power - flow) / truth["C1"], (flow - loss) / truth["C2"]])
+
+    inputs = np.column_stack([power, ambient])
+    y = stepped(rates, [300, 298], inputs, 10.0, 5)[:, 1:] + 0.2 * rng.normal(size=(time.size, 1))
+    record = Experiment("run", time, inputs, y, ("P", "Ta"), ("T",))
+    assert_found(fitted(OVEN, record, start), truth, start, 0.2)

@@ -27,7 +27,7 @@ from daest.estimation.noise_levels import (
     without_family,
 )
 from daest.estimation.nonlinear_result import AGREEMENT_ITERATIONS, NonlinearEnds
-from daest.estimation.nonlinear_search import best_ends, is_coloured, search_of, with_likelier_hold
+from daest.estimation.nonlinear_search import best_ends, search_of, with_likelier_hold
 from daest.estimation.nonlinear_start import (
     check_nonlinear_start,
     limits,
@@ -40,7 +40,7 @@ from daest.estimation.nonlinear_start import (
     with_sized_effects,
 )
 from daest.estimation.observer import AverageModel
-from daest.estimation.optimum import best_point
+from daest.estimation.optimum import WAKING, best_point
 from daest.estimation.profile import Tell, silent
 from daest.estimation.records import part_of
 from daest.estimation.result import assembled, fit_result
@@ -63,7 +63,6 @@ ROUGH_ITERATIONS = 8
 SHORT = 0.25  # of the recordings, over which a further start shows first whether it can win ...
 FEWEST_IN_SHORT = 500  # ... where that part has as many samples
 WARM_ROUNDS = 4
-WAKING = tuple(2.0**power for size in range(1, 7) for power in (-size, size))  # of values that do nothing
 HOLD_ROUNDS = 2  # of searches with the hold that is likelier at the end of the last one
 LEVEL_ITERATIONS = 15  # of the last search over noise levels alone
 
@@ -132,7 +131,7 @@ def awake_start(explicit: Dynamics, setup: Setup) -> Setup | None:
     """The setup from where all parameters act: its own start values, or with those that do nothing
     there moved one after the other, by a factor of two and more. None where one does nothing anywhere."""
     idle = _idle(explicit, setup)
-    for factor in WAKING:
+    for factor in (2.0 ** (side * power) for power in range(1, WAKING + 1) for side in (-1, 1)):
         for name in idle:
             unknowns = setup.unknowns
             one = next(c for c in unknowns.coordinates if c.name == name)
@@ -166,8 +165,6 @@ def nonlinear_ends(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> Non
         best = ends[0]
         if best.cut is not None:
             ends[0] = with_likelier_hold(best, home, setup.options)
-            break
-        if not is_coloured(best.problem, best.found):
             break
         turned = with_other_hold(best.problem, best.found, setup.options)
         if turned is None:

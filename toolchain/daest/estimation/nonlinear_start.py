@@ -239,15 +239,15 @@ def with_hold(
 
 
 def _short_fits(
-    problem: TrajectoryProblem, z: np.ndarray, ends: dict[Hold, Found]
+    problem: TrajectoryProblem, z: np.ndarray, ends: dict[Hold, Found], goal: float = np.inf
 ) -> Callable[[Hold], float | None]:
     """The likelihood of a hold after a short fit from z, whose end is put among `ends`, where those that are
-    there already are not fitted again."""
+    there already are not fitted again. One that will not come down to the `goal` ends early."""
 
     def likelihood(hold: Hold) -> float | None:
         if hold not in ends:
             other = objective(replace(problem, hold=hold))
-            found = minimise(other, z, *limits(problem), HOLD_ITERATIONS)
+            found = minimise(other, z, *limits(problem), HOLD_ITERATIONS, goal=goal)
             if found is None:
                 return None
             ends[hold] = found
@@ -287,7 +287,8 @@ def with_other_hold(
     ends = {problem.hold: found}
     first = tuple(dict.fromkeys([problem.hold, *asked]))
     in_steps = are_steps(problem.experiments, names)
-    best = ranked_holds(names, _short_fits(problem, found.z, ends), first, in_steps)[0]
+    fits = _short_fits(problem, found.z, ends, found.evaluation.value)
+    best = ranked_holds(names, fits, first, in_steps)[0]
     return None if best == problem.hold else (best, ends[best].z)
 
 
