@@ -50,6 +50,20 @@ def sum_and_slope(z, with_slopes):
     return Evaluation(float(r @ r) / 2, J.T @ r, J.T @ J)
 
 
+def sum_with_a_rim(z, with_slopes):
+    """Of a, and b below 1: above, it does nothing."""
+    a, b = np.exp(z)
+    r = np.array([100.0 * (a + max(1.0 - b, 0.0) - 1.5), 5.0 * (a - 1.2)])
+    J = np.array([[100.0 * a, -100.0 * b if b < 1.0 else 0.0], [5.0 * a, 0.0]])
+    return Evaluation(float(r @ r) / 2, J.T @ r, J.T @ J)
+
+
+def test_a_parameter_that_does_nothing_at_the_end_is_moved_to_where_it_acts():
+    home = np.log([1.0, 3.0])
+    found = best_point(two_parameters(sum_with_a_rim, home), [home])
+    assert found.reason == "converged" and np.exp(found.z) == pytest.approx([1.2, 0.7], rel=1e-3)
+
+
 def test_a_lost_parameter_is_put_back():
     search = two_parameters(sum_and_slope, np.log([1.0, 1.0]))
     lost = search.minimum(np.array([np.log(2.0), -30.0]))

@@ -10,7 +10,7 @@ their covariance is that of its curvature.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol, TypeVar
 
@@ -94,6 +94,15 @@ class Unknowns:
         """These unknowns with the start values of the same ones in `other`."""
         pairs = zip(self.coordinates, other.coordinates, strict=True)
         return replace(self, coordinates=tuple(replace(c, initial=given.initial) for c, given in pairs))
+
+    def started_at(self, values: Mapping[str, float]) -> Unknowns:
+        """These unknowns with the start values of some parameters."""
+        moved = tuple(replace(c, initial=values.get(c.name, c.initial)) for c in self.coordinates)
+        theta = self.theta.copy()
+        for c in moved:
+            if c.name in values:
+                theta[c.index] = c.initial
+        return replace(self, coordinates=moved, theta=theta)
 
     def range_around(self, home: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest further start points: between the bounds of the unknowns `within`, of the others

@@ -15,13 +15,14 @@ import numpy as np
 
 from daest.errors import EstimationError
 from daest.estimation.coordinates import log_likelihood
+from daest.estimation.gates import FIT
 from daest.estimation.linear_fit import linear_ends, linear_start, needed_slopes
 from daest.estimation.profile import Tell, check_profile_names, silent
 from daest.estimation.result import fit_result
-from daest.estimation.setup import Setup, changing_together, check_jumps, setup_of
+from daest.estimation.setup import NO_INFLUENCE, Setup, changing_together, check_jumps, setup_of
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
-from daest.model.flat import FlatModel, Model, events_refused
+from daest.model.flat import Dynamics, FlatModel, Model, events_refused
 from daest.model.holds import Hold
 from daest.model.linear import StateSpaceFamily
 from daest.systems.input_slopes import acting_slopes, slope_note
@@ -31,7 +32,6 @@ from daest.systems.redundant import good_everywhere
 from daest.systems.state_space import state_space_family
 
 LINEARISED = "the model is nonlinear: its linearisation was identified"
-NO_INFLUENCE = "identify-no-influence"
 WOKEN = "{} did nothing at the start values: the others were estimated first"
 ELIMINATED = "no multiple shooting: the initial states of a linear model are eliminated exactly"
 
@@ -81,9 +81,10 @@ def tied_parameters(
             setup, _, start = linear_start(family, setup)
         else:
             from daest.estimation.identify_nonlinear import nonlinear_start
-            from daest.estimation.nonlinear_start import whole_and_piece
+            from daest.estimation.nonlinear_start import whole_and_piece, with_hold
 
             setup, problem, z = nonlinear_start(good_everywhere(dynamics(model)), setup)
+            problem, z = with_hold(problem, z, setup.options)
             start, piece = whole_and_piece(problem, z)
     except EstimationError:
         return ()
@@ -129,16 +130,23 @@ def _nonlinear_fit(model: Model, setup: Setup, tell: Tell, began: float) -> FitR
     except EstimationError as error:
         if error.code != NO_INFLUENCE:
             raise
-        fit = _woken(partial(search, explicit), setup, tell, error)
+        fit = _woken(partial(search, explicit), explicit, setup, tell, error)
     return replace(fit, seconds=time.perf_counter() - began)
 
 
 def _woken(
-    search: Callable[[Setup, Tell], FitResult], setup: Setup, tell: Tell, error: EstimationError
+    search: Callable[[Setup, Tell], FitResult],
+    explicit: Dynamics,
+    setup: Setup,
+    tell: Tell,
+    error: EstimationError,
 ) -> FitResult:
     """The fit from where all parameters act, found with those held that do nothing at the start values:
-    the rim of a tank that the start values never fill is reached once the others are right. Raises `error`
-    where they do nothing there, either."""
+    the rim of a tank that the start values never fill is reached once the others are right, or is lower than
+    they have it. Raises `error` where they do nothing there, either, and where the data do not ask for what
+    they do elsewhere."""
+    from daest.estimation.identify_nonlinear import awake_start
+
     idle, unknowns = str(error.where), setup.unknowns
     rest = tuple(c for c in unknowns.coordinates if c.name not in idle.split(", "))
     if not rest:
@@ -147,11 +155,17 @@ def _woken(
     first = replace(setup.options, second_look=False, profile=())
     held = replace(setup, unknowns=replace(unknowns, coordinates=rest), options=first, validation=())
     try:
-        found = search(held, tell).theta
-        moved = tuple(replace(c, initial=found[c.name]) for c in unknowns.coordinates)
-        theta = unknowns.theta.copy()
-        theta[[c.index for c in moved]] = [c.initial for c in moved]
-        begun = replace(setup, unknowns=replace(unknowns, coordinates=moved, theta=theta))
-        return search(replace(begun, notes=(*setup.notes, WOKEN.format(idle))), tell)
+        without = search(held, tell)
+        found = {c.name: without.theta[c.name] for c in rest}
+        begun = replace(setup, unknowns=unknowns.started_at(found), notes=(*setup.notes, WOKEN.format(idle)))
+        awake = awake_start(explicit, begun)
+        if awake is None:
+            raise error
+        fit = search(awake, tell)
     except EstimationError:
         raise error from None
+    if awake is not begun and fit.log_likelihood < without.log_likelihood + FIT.worthwhile_gain:
+        raise error
+    given = {c.name: c.initial for c in unknowns.coordinates}
+    told = tuple(replace(p, initial=given.get(p.name, p.initial)) for p in fit.parameters)
+    return replace(fit, parameters=told)

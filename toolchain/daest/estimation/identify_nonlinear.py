@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from daest.errors import EstimationError
 from daest.estimation.coordinates import Unknowns, objective, prior_penalty, rescaled
 from daest.estimation.gain_family import Levels
 from daest.estimation.gates import FIT
@@ -26,7 +27,7 @@ from daest.estimation.noise_levels import (
     without_family,
 )
 from daest.estimation.nonlinear_result import AGREEMENT_ITERATIONS, NonlinearEnds
-from daest.estimation.nonlinear_search import best_ends, is_coloured, search_of
+from daest.estimation.nonlinear_search import best_ends, search_of, with_likelier_hold
 from daest.estimation.nonlinear_start import (
     check_nonlinear_start,
     limits,
@@ -39,12 +40,12 @@ from daest.estimation.nonlinear_start import (
     with_sized_effects,
 )
 from daest.estimation.observer import AverageModel
-from daest.estimation.optimum import best_point
+from daest.estimation.optimum import WAKING, best_point
 from daest.estimation.profile import Tell, silent
 from daest.estimation.records import part_of
 from daest.estimation.result import assembled, fit_result
 from daest.estimation.search import Evaluation, minimise
-from daest.estimation.setup import Setup, no_start
+from daest.estimation.setup import NO_INFLUENCE, Setup, no_start
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult, IdentifyOptions
@@ -62,6 +63,7 @@ ROUGH_ITERATIONS = 8
 SHORT = 0.25  # of the recordings, over which a further start shows first whether it can win ...
 FEWEST_IN_SHORT = 500  # ... where that part has as many samples
 WARM_ROUNDS = 4
+HOLD_ROUNDS = 2  # of searches with the hold that is likelier at the end of the last one
 LEVEL_ITERATIONS = 15  # of the last search over noise levels alone
 
 
@@ -96,7 +98,8 @@ def identify_nonlinear(explicit: Dynamics, setup: Setup, tell: Tell = silent) ->
 
 
 def nonlinear_start(explicit: Dynamics, setup: Setup) -> tuple[Setup, TrajectoryProblem, np.ndarray]:
-    """The setup in scales of the data, and the simulation that a search begins with, at its start (n_z,)."""
+    """The setup in scales of the data, and the simulation that a search begins with, at the start values
+    (n_z,): no hold is chosen yet."""
     unscaled = with_sized_effects(_problem(explicit, setup))
 
     def at_start() -> Evaluation | None:
@@ -107,21 +110,67 @@ def nonlinear_start(explicit: Dynamics, setup: Setup) -> tuple[Setup, Trajectory
     enough = FIT.converged_gain if setup.options.rtol is None else FIT.rough_start_gain
     problem, z = started(replace(unscaled, unknowns=unknowns), enough)
     setup = replace(setup, unknowns=unknowns.with_initial_of(setup.unknowns))
-    return setup, *with_hold(problem, z, setup.options)
+    return setup, problem, z
+
+
+def _checked_start(setup: Setup, problem: TrajectoryProblem, z: np.ndarray, home: np.ndarray) -> np.ndarray:
+    """z, where short fits have led, or `home` if they have led to where a parameter does nothing. Errors of
+    `check_nonlinear_start`. Shapes: z, home and the start (n_z,)."""
+    may_be_cut = setup.method == "oe" and setup.options.shooting != 1
+    try:
+        check_nonlinear_start(problem, z, may_be_cut=may_be_cut)
+        return z
+    except EstimationError:
+        if np.array_equal(z, home):
+            raise
+    check_nonlinear_start(problem, home, may_be_cut=may_be_cut)
+    return home
+
+
+def awake_start(explicit: Dynamics, setup: Setup) -> Setup | None:
+    """The setup from where all parameters act: its own start values, or with those that do nothing
+    there moved one after the other, by a factor of two and more. None where one does nothing anywhere."""
+    idle = _idle(explicit, setup)
+    for factor in (2.0 ** (side * power) for power in range(1, WAKING + 1) for side in (-1, 1)):
+        for name in idle:
+            unknowns = setup.unknowns
+            one = next(c for c in unknowns.coordinates if c.name == name)
+            value = min(max(factor * one.initial, one.lower), one.upper)
+            tried = replace(setup, unknowns=unknowns.started_at({name: value}))
+            left = idle if value == one.initial else _idle(explicit, tried)
+            if name not in left and len(left) < len(idle):
+                setup, idle = tried, left
+    return None if idle else setup
+
+
+def _idle(explicit: Dynamics, setup: Setup) -> list[str]:
+    """Parameters that do nothing at the start values. Raises what `check_nonlinear_start` finds otherwise."""
+    setup, problem, z = nonlinear_start(explicit, setup)
+    try:
+        _checked_start(setup, problem, z, z)
+    except EstimationError as error:
+        if error.code != NO_INFLUENCE:
+            raise
+        return str(error.where).split(", ")
+    return []
 
 
 def nonlinear_ends(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> NonlinearEnds:
     """The ends of the searches of `identify_nonlinear`, which raises the same."""
-    setup, problem, z = nonlinear_start(explicit, setup)
-    may_be_cut = setup.method == "oe" and setup.options.shooting != 1
-    check_nonlinear_start(problem, z, may_be_cut=may_be_cut)
-    ends = best_ends(setup, problem, z, tell)
-    best = ends[0]
-    if setup.options.max_iterations and best.cut is None and is_coloured(best.problem, best.found):
+    setup, problem, home = nonlinear_start(explicit, setup)
+    problem, z = with_hold(problem, home, setup.options)
+    z = _checked_start(setup, problem, z, home)
+    ends = best_ends(setup, problem, z, home, tell)
+    for _ in range(HOLD_ROUNDS if setup.options.max_iterations else 0):
+        best = ends[0]
+        if best.cut is not None:
+            ends[0] = with_likelier_hold(best, home, setup.options)
+            break
         turned = with_other_hold(best.problem, best.found, setup.options)
-        if turned is not None:
-            hold, start = turned
-            ends = best_ends(setup, replace(problem, hold=hold), start[: z.size], tell)
+        if turned is None:
+            break
+        hold, start = turned
+        ends = best_ends(setup, replace(problem, hold=hold), start[: z.size], home, tell)
     return NonlinearEnds(setup, ends)
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from daest.estimation.coordinates import objective as objective_of
 from daest.estimation.gain_family import Levels
 from daest.estimation.gates import FIT
+from daest.estimation.hold_search import are_steps, ranked_holds
 from daest.estimation.noise_levels import (
     Ending,
     assumed,
@@ -27,7 +28,7 @@ from daest.estimation.noise_levels import (
     gained,
     with_gain,
 )
-from daest.estimation.nonlinear_start import further_starts, limits
+from daest.estimation.nonlinear_start import asked_holds, further_starts, limits
 from daest.estimation.observer import observer
 from daest.estimation.optimum import Search, best_point, coloured, lost, rank, scanned
 from daest.estimation.profile import Tell
@@ -36,6 +37,7 @@ from daest.estimation.setup import Setup, no_start
 from daest.estimation.shooting import Cut, default_segments, search_by_shooting, start_of
 from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.fit import IdentifyOptions
+from daest.model.holds import Hold
 from daest.numerics.parallel import workers
 
 NOISE_ROUNDS = 4  # of searching noise levels and parameters in turn
@@ -47,18 +49,20 @@ SIMULATION_ITERATIONS = 15  # of the simulation that a search of predictions sta
 HILLS = 1  # looked over after a last search: each costs as much as several of a linear one
 
 
-def best_ends(setup: Setup, problem: TrajectoryProblem, z: np.ndarray, tell: Tell) -> list[Ending]:
-    """The ends of the searches from z and from further starts, best first. Error `identify-no-start`.
-    Shapes: z (n_z,)."""
+def best_ends(
+    setup: Setup, problem: TrajectoryProblem, z: np.ndarray, home: np.ndarray, tell: Tell
+) -> list[Ending]:
+    """The ends of the searches from z and from further starts around `home`, where the user started, best
+    first. Error `identify-no-start`. Shapes: z and home (n_z,)."""
     options = setup.options
-    starts = [z, *further_starts(problem, z, options)]
+    starts = [z, *further_starts(problem, home, options)]
     if len(starts) == 1:
-        found = [_search_from(setup, problem, z)]
+        found = [_search_from(setup, problem, home, z)]
     else:
         done = count(1)
         with workers(options.jobs, options.cluster) as pool:
             outcomes = pool.map(
-                partial(_search_from, setup, problem),
+                partial(_search_from, setup, problem, home),
                 starts,
                 arrived=lambda *_: tell(f"searched from start point ({next(done)} of {len(starts)})"),
             )
@@ -82,18 +86,20 @@ def search_of(
     )
 
 
-def _search_from(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> Ending | None:
+def _search_from(setup: Setup, problem: TrajectoryProblem, home: np.ndarray, z: np.ndarray) -> Ending | None:
     options = setup.options
-    simulated = _simulated(setup, problem, z)
+    simulated = _simulated(setup, problem, home, z)
     if simulated is None or setup.method == "oe" or simulated.cut is not None:
         return simulated
     problem = simulated.problem
     points = [simulated.found.z]
     if options.second_look and options.max_iterations:
-        points += _led(problem, z)
-        points += scanned(search_of(problem, z, SIMULATION_ITERATIONS, LEADING_GAIN), points[0], options.seed)
-    end = _predicted(setup, problem, z, points)
-    return None if end is None else replace(_settled(setup, end, z), notes=simulated.notes)
+        points += _led(problem, home)
+        points += scanned(
+            search_of(problem, home, SIMULATION_ITERATIONS, LEADING_GAIN), points[0], options.seed
+        )
+    end = _predicted(setup, problem, home, points)
+    return None if end is None else replace(_settled(setup, end, home), notes=simulated.notes)
 
 
 def _predicted(
@@ -130,22 +136,24 @@ def _rough_value(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> flo
     return np.inf if errors is None else errors.negative_log_likelihood
 
 
-def _simulated(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> Ending | None:
+def _simulated(setup: Setup, problem: TrajectoryProblem, home: np.ndarray, z: np.ndarray) -> Ending | None:
     """The end of an output-error search from z, or of one from elsewhere in the range of the parameters where
     the former leaves residuals that are not white."""
-    end, options = _simulated_from(setup, problem, z), setup.options
+    end, options = _simulated_from(setup, problem, home, z), setup.options
     is_last = setup.method == "oe" and options.second_look and options.max_iterations > 0
     has_events = problem.model.explicit.flat.events is not None
     if end is None or end.cut is not None or not is_last or has_events:
         return end
-    search, doubt = search_of(end.problem, z, options.max_iterations), partial(is_coloured, end.problem)
+    search, doubt = search_of(end.problem, home, options.max_iterations), partial(is_coloured, end.problem)
     if not doubt(end.found):
         return end
     found = best_point(search, [end.found.z], doubt, scanned(search, end.found.z, options.seed))
     return end if found is None or rank(found) >= rank(end.found) else replace(end, found=found, notes=())
 
 
-def _simulated_from(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> Ending | None:
+def _simulated_from(
+    setup: Setup, problem: TrajectoryProblem, home: np.ndarray, z: np.ndarray
+) -> Ending | None:
     """The end of an output-error search: over the whole records, by multiple shooting where that is wanted,
     or by the better of both where the former fails or loses a parameter."""
     options, shooting = setup.options, setup.options.shooting
@@ -153,23 +161,24 @@ def _simulated_from(setup: Setup, problem: TrajectoryProblem, z: np.ndarray) -> 
     has_events = problem.model.explicit.flat.events is not None
     if has_events:
         shooting = 1
-    single = None
+    single, led = None, list[np.ndarray]()
     if shooting is None or shooting == 1:
         is_end = setup.method == "oe" or shooting == 1
         iterations = options.max_iterations if is_end else SIMULATION_ITERATIONS
-        search = search_of(problem, z, iterations, None if is_end else LEADING_GAIN)
+        search = search_of(problem, home, iterations, None if is_end else LEADING_GAIN)
         search = replace(search, goal=-options.least)
         leads = is_end and options.second_look and options.max_iterations > 0 and not has_events
-        found = best_point(search, [z], partial(is_coloured, problem), _led(problem, z) if leads else ())
+        further = _kept(_led(problem, home), led) if leads else ()
+        found = best_point(search, [z], partial(is_coloured, problem), further)
         single = None if found is None else Ending(problem, found, None)
-    is_doubtful = _has_lost_one(single, z) or (setup.method == "oe" and _is_poor(single))
+    is_doubtful = _has_lost_one(single, home) or (setup.method == "oe" and _is_poor(single))
     if shooting == 1 or (shooting is None and not is_doubtful):
         return single
     if not problem.n_states:  # nothing that a segment could start from
         return single
     n_segments = shooting or default_segments(problem.experiments)
-    cut = search_by_shooting(problem, z, n_segments, options.max_iterations)
-    ends = [end for end in (single, _uncut(problem, cut, n_segments, z, options)) if end is not None]
+    cut = _best_cut(problem, [*led, z], n_segments, options.max_iterations)
+    ends = [end for end in (single, _uncut(problem, cut, n_segments, home, options)) if end is not None]
     return min(ends, key=lambda end: rank(end.found), default=None)
 
 
@@ -203,6 +212,53 @@ def _led(problem: TrajectoryProblem, home: np.ndarray) -> Iterator[np.ndarray]:
             break
     if end is not None:
         yield end[1]
+
+
+def with_likelier_hold(end: Ending, home: np.ndarray, options: IdentifyOptions) -> Ending:
+    """The end of multiple shooting with the hold that is likeliest: short fits of a whole record tell nothing
+    of a model too unstable for one. What was lost with another hold is put back. Shapes: home (n_z,)."""
+    names, asked = asked_holds(end.problem, options)
+    if end.cut is None or len(asked) < 2:
+        return end
+    ends, n_segments = {end.problem.hold: end}, len(end.cut.shooting.groups[0])
+    start, away = end.found.z.copy(), lost(search_of(end.problem, home, 0), end.found)
+    start[away] = home[away]
+
+    def likelihood(hold: Hold) -> float | None:
+        if hold not in ends:
+            problem = replace(end.problem, hold=hold)
+            cut = search_by_shooting(problem, start, n_segments, options.max_iterations)
+            found = _uncut(problem, cut, n_segments, home, options) if cut and cut.is_continuous else None
+            if found is None:
+                return None
+            ends[hold] = found
+        return -ends[hold].found.evaluation.value
+
+    in_steps = are_steps(end.problem.experiments, names)
+    first = tuple(dict.fromkeys([end.problem.hold, *asked]))
+    return ends[ranked_holds(names, likelihood, first, in_steps)[0]]
+
+
+def _kept(points: Iterator[np.ndarray], kept: list[np.ndarray]) -> Iterator[np.ndarray]:
+    """The points (n_z,), each put among those `kept` when it is asked for."""
+    for z in points:
+        kept.append(z)
+        yield z
+
+
+def _best_cut(
+    problem: TrajectoryProblem, starts: list[np.ndarray], n_segments: int, max_iterations: int
+) -> Cut | None:
+    """The first end of multiple shooting without gaps, from one start (n_z,) after the other; where all leave
+    gaps, the most likely one, and None where no segment can be simulated."""
+    best: Cut | None = None
+    for z in starts:
+        cut = search_by_shooting(problem, z, n_segments, max_iterations)
+        if cut is not None and cut.is_continuous:
+            return cut
+        if cut is not None and (best is None or cut.found.evaluation.value < best.found.evaluation.value):
+            best = cut
+    return best
 
 
 def _has_lost_one(end: Ending | None, start: np.ndarray) -> bool:

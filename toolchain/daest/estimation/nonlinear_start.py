@@ -229,7 +229,7 @@ def with_hold(
     problem: TrajectoryProblem, z: np.ndarray, options: IdentifyOptions
 ) -> tuple[TrajectoryProblem, np.ndarray]:
     """The given hold, or the one with the higher likelihood after short fits. Shapes: z (n_z,)."""
-    names, asked = _asked_holds(problem, options)
+    names, asked = asked_holds(problem, options)
     if len(asked) < 2:
         return problem, z
     ends: dict[Hold, Found] = {}
@@ -239,15 +239,15 @@ def with_hold(
 
 
 def _short_fits(
-    problem: TrajectoryProblem, z: np.ndarray, ends: dict[Hold, Found]
+    problem: TrajectoryProblem, z: np.ndarray, ends: dict[Hold, Found], goal: float = np.inf
 ) -> Callable[[Hold], float | None]:
     """The likelihood of a hold after a short fit from z, whose end is put among `ends`, where those that are
-    there already are not fitted again."""
+    there already are not fitted again. One that will not come down to the `goal` ends early."""
 
     def likelihood(hold: Hold) -> float | None:
         if hold not in ends:
             other = objective(replace(problem, hold=hold))
-            found = minimise(other, z, *limits(problem), HOLD_ITERATIONS)
+            found = minimise(other, z, *limits(problem), HOLD_ITERATIONS, goal=goal)
             if found is None:
                 return None
             ends[hold] = found
@@ -261,7 +261,7 @@ def _needs_slopes(problem: TrajectoryProblem) -> bool:
     return bool(acting_slopes(problem.model.explicit, unknowns.parameter_names(), unknowns.theta))
 
 
-def _asked_holds(
+def asked_holds(
     problem: TrajectoryProblem, options: IdentifyOptions
 ) -> tuple[tuple[str, ...], tuple[Hold, ...]]:
     """The inputs that move, and the holds of all alike to choose from; none where the hold is given."""
@@ -281,13 +281,14 @@ def with_other_hold(
     """A hold that was not taken, and z, where a short fit from the end of a search with
     it is likelier than that: far from the truth, holds are compared by what none explains. All inputs are
     turned, and one alone. None where the hold is given, or right. Shapes: z (n_z,)."""
-    names, asked = _asked_holds(problem, options)
+    names, asked = asked_holds(problem, options)
     if len(asked) < 2:
         return None
     ends = {problem.hold: found}
     first = tuple(dict.fromkeys([problem.hold, *asked]))
     in_steps = are_steps(problem.experiments, names)
-    best = ranked_holds(names, _short_fits(problem, found.z, ends), first, in_steps)[0]
+    fits = _short_fits(problem, found.z, ends, found.evaluation.value)
+    best = ranked_holds(names, fits, first, in_steps)[0]
     return None if best == problem.hold else (best, ends[best].z)
 
 

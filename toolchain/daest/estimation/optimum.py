@@ -1,12 +1,12 @@
 """The best point that cheap starts lead to, and the doubts that an end must stand before it counts as
 converged.
 
-A search by slopes ends in the first valley. Four things lead out of a wrong one. Another start leads to
+A search by slopes ends in the first valley. Five things lead out of a wrong one. Another start leads to
 another valley, and where none is known, points all over the range of the parameters are scanned for one. A
 logarithmic parameter that has run off by orders of magnitude has no slope left to come back by: it is put
 back where the user started, the others are given time to follow while it is held there, and the search goes
-on. And along a direction that the data hardly tell the likelihood is no parabola: points to both sides are
-tried.
+on. One that does nothing at the end is moved to where it acts. And along a direction that the data hardly
+tell the likelihood is no parabola: points to both sides are tried.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from daest.numerics.statistics import whiteness_p_value
 
 ROUNDS = 4  # of doubts and searches in a row
 NOISE_DECADES = 13  # above its lower bound, in which a noise is looked for
+WAKING = 6  # times that a value that does nothing is doubled or halved, until it acts
 HELD_ITERATIONS = 8  # while a parameter that was put back is held
 PROBES = (-3.0, -1.0, 1.0, 3.0)  # standard deviations
 LONGEST_PROBE = 2.5  # in z, the same as the largest step of a search
@@ -272,7 +273,7 @@ def _settled(search: Search, z: np.ndarray) -> Found | None:
 
 def _better(search: Search, found: Found) -> np.ndarray | None:
     """A point that is more likely than the end of a search, or None."""
-    for doubt in (better_noise, _beside, _revived, _put_back):
+    for doubt in (better_noise, _beside, _revived, _put_back, _awakened):
         z = doubt(search, found)
         if z is not None:
             return z
@@ -388,12 +389,56 @@ def _put_back(search: Search, found: Found) -> np.ndarray | None:
     for group in groups:
         held = found.z.copy()
         held[group] = search.home[group]
-        lower, upper = search.lower.copy(), search.upper.copy()
-        lower[group] = upper[group] = held[group]
-        followed = minimise(search.objective, held, lower, upper, HELD_ITERATIONS)
-        freed = None if followed is None else search.better(found, followed.z)
+        freed = _freed(search, found, held, group)
         if freed is not None:
             return freed
+    return None
+
+
+def _freed(search: Search, found: Found, z: np.ndarray, group: list[int]) -> np.ndarray | None:
+    """A more likely point that a search reaches from z (n_z,) after the others have followed the unknowns of
+    a `group`, held there; or None."""
+    lower, upper = search.lower.copy(), search.upper.copy()
+    lower[group] = upper[group] = z[group]
+    followed = minimise(search.objective, z, lower, upper, HELD_ITERATIONS)
+    return None if followed is None else search.better(found, followed.z)
+
+
+def _awakened(search: Search, found: Found) -> np.ndarray | None:
+    """A more likely point that a search reaches from where a parameter acts that does nothing at the end, or
+    None: the rim of a tank has gone above all levels, and no slope leads back. Not asked of a search that
+    another one follows."""
+    if not search.hills:
+        return None
+    for i, coordinate in enumerate(search.unknowns.coordinates):
+        inside = search.lower[i] < found.z[i] < search.upper[i]
+        if coordinate.kind != "parameter" or not inside or _acts(found.evaluation, i):
+            continue
+        for side in (-1.0, 1.0):
+            z = _acting(search, found, i, side)
+            freed = None if z is None else _freed(search, found, z, [i])
+            if freed is not None:
+                return freed
+    return None
+
+
+def _acts(here: Evaluation, i: int) -> bool:
+    """Whether an unknown has any influence on a step."""
+    diagonal = np.diagonal(here.information)
+    return bool(diagonal[i] > FIT.flat * np.max(diagonal, initial=0.0))
+
+
+def _acting(search: Search, found: Found, i: int, side: float) -> np.ndarray | None:
+    """The nearest of the points with an unknown doubled (`side` 1) or halved (-1) again and again at which it
+    acts (n_z,); None where it acts at none."""
+    is_log = search.unknowns.coordinates[i].is_log
+    z = found.z.copy()
+    for _ in range(WAKING):
+        z[i] = z[i] + side * np.log(2.0) if is_log else z[i] * 2.0**side
+        z = np.clip(z, search.lower, search.upper)
+        here = search.objective(z, True)
+        if here is not None and _acts(here, i):
+            return z
     return None
 
 

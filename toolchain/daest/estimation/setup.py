@@ -29,6 +29,8 @@ from daest.model.linear import StateSpaceFamily
 from daest.model.parts import prior_unused
 from daest.near import near_names
 
+NO_INFLUENCE = "identify-no-influence"
+
 
 def known_name(name: str, known: Sequence[str], what: str) -> int:
     """Index of `name`; error `unknown-parameter`, `unknown-noise` or `unknown-output` with the nearest
@@ -114,7 +116,7 @@ def check_start(
     if np.any(dead):
         text = ", ".join(name for name, is_dead in zip(names, dead, strict=True) if is_dead)
         raise EstimationError(
-            "identify-no-influence",
+            NO_INFLUENCE,
             f"no measured output depends on {text}, or free initial states do all that it does",
             where=text,
             remedy="fix it to a known value (--fix), measure an output that it moves, or start where it acts "

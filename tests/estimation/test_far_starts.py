@@ -1,0 +1,192 @@
+"""Start values that are a factor of two to ten off: a search ends where the truth is, or says why not."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daest.errors import EstimationError
+from daest.estimation.identify import identify
+from daest.model.experiment import Experiment
+from daest.model.fit import FitResult, IdentifyOptions
+from daest.modelica.compile import compile_text
+
+ESTIMATED = "annotation(__Daest(estimate = true{}))"
+LOG = ESTIMATED.format(', scale = "log"')
+LINEAR = ESTIMATED.format("")
+
+STRIBECK = f"""model Stribeck
+  parameter Real J(unit = "kg.m2", min = 0) = {{J}} {LOG};
+  parameter Real d(unit = "N.m.s/rad", min = 0) = {{d}} {LOG};
+  parameter Real Fc(unit = "N.m", min = 0) = {{Fc}} {LINEAR};
+  parameter Real Fs(unit = "N.m", min = 0) = {{Fs}} {LINEAR};
+  parameter Real vs(unit = "rad/s", min = 0.001) = {{vs}} {LINEAR};
+  input Real u(unit = "V");
+  output Real phi(unit = "rad", start = 0);
+  Real w(unit = "rad/s", start = 0);
+equation
+  der(phi) = w;
+  J*der(w) = 0.1*u - (Fc + (Fs - Fc)*exp(-(w/vs)^2))*tanh(w/0.02) - d*w;
+end Stribeck;
+"""
+DRIVE = f"""model Drive
+  parameter Real k(unit = "1") = {{k}} {LINEAR};
+  parameter Real dz(unit = "1", min = 0) = {{dz}} {LINEAR};
+  parameter Real lim(unit = "1", min = 0) = {{lim}} {LINEAR};
+  parameter Real T(unit = "s", min = 0) = {{T}} {LOG};
+  input Real u(unit = "1");
+  output Real y(unit = "1", start = 0);
+equation
+  T*der(y) = k*min(max(max(u - dz, 0) + min(u + dz, 0), -lim), lim) - y;
+end Drive;
+"""
+PENDULUM = f"""model Pendulum
+  parameter Real l(unit = "m", min = 0) = {{l}} {LOG};
+  parameter Real b(unit = "1/s", min = 0) = {{b}} {LOG};
+  input Real u(unit = "m/s2");
+  output Real a(unit = "rad", start = 0);
+  Real w(unit = "rad/s", start = 0);
+equation
+  der(a) = w;
+  l*der(w) = 9.81*sin(a) - u*cos(a) - l*b*w;
+end Pendulum;
+"""
+
+
+OVEN = f"""model Oven
+  parameter Real C1(unit = "J/K", min = 0) = {{C1}} {LOG};
+  parameter Real C2(unit = "J/K", min = 0) = {{C2}} {LOG};
+  parameter Real G(unit = "W/K", min = 0) = {{G}} {LOG};
+  parameter Real h(unit = "W/K", min = 0) = {{h}} {LOG};
+  parameter Real s(unit = "m2", min = 0) = {{s}} {LOG};
+  input Real P(unit = "W");
+  input Real Ta(unit = "K");
+  output Real T(unit = "K", start = 298);
+  Real Th(unit = "K", start = 300);
+equation
+  C1*der(Th) = P - G*(Th - T);
+  C2*der(T) = G*(Th - T) - h*(T - Ta) - s*5.67e-8*(T^4 - Ta^4);
+end Oven;
+"""
+
+
+def stepped(rates, state, inputs, period, substeps):
+    """States (n, n_x) at the samples under inputs (n,) that are held, by classical Runge-Kutta steps."""
+    state, states, h = np.array(state, dtype=float), [], period / substeps
+    for k, u in enumerate(inputs):
+        states.append(state)
+        value = u(state) if callable(u) else u
+        inputs[k] = value
+        for _ in range(substeps):
+            first = rates(state, value)
+            second = rates(state + h / 2 * first, value)
+            third = rates(state + h / 2 * second, value)
+            last = rates(state + h * third, value)
+            state = state + h / 6 * (first + 2 * second + 2 * third + last)
+    return np.array(states)
+
+
+def steps(rng, n, held, size):
+    return np.repeat(rng.normal(size=n // held + 1), held)[:n] * size
+
+
+def fitted(text: str, record: Experiment, start: dict[str, float], **options) -> FitResult:
+    flat = compile_text(text.format(**start).encode(), Path("Machine.mo"))
+    return identify(flat, [record], IdentifyOptions(method="oe", **options))
+
+
+def assert_found(fit: FitResult, truth: dict[str, float], start: dict[str, float], size: float) -> None:
+    assert fit.is_converged and fit.hold == "zoh"
+    for parameter in fit.parameters:
+        assert abs(parameter.value - truth[parameter.name]) < 4.0 * parameter.std_error
+        assert parameter.initial == start[parameter.name]
+    assert next(iter(fit.simulated["estimation"].rms.values())) == pytest.approx(size, rel=0.15)
+
+
+def stribeck() -> tuple[Experiment, dict[str, float]]:
+    p = {"J": 0.02, "d": 0.03, "Fc": 0.03, "Fs": 0.06, "vs": 0.3}
+    rng, time = np.random.default_rng(1), 0.01 * np.arange(2000.0)
+    u = steps(rng, time.size, 40, 1.0) + 1.2 * np.sin(2 * np.pi * time / 7)
+
+    def rates(x, u):
+        friction = p["Fc"] + (p["Fs"] - p["Fc"]) * np.exp(-((x[1] / p["vs"]) ** 2))
+        return np.array([x[1], (0.1 * u - friction * np.tanh(x[1] / 0.02) - p["d"] * x[1]) / p["J"]])
+
+    phi = stepped(rates, [0, 0], u, 0.01, 10)[:, :1] + 1e-3 * rng.normal(size=(time.size, 1))
+    return Experiment("run", time, u[:, None], phi, ("u",), ("phi",)), p
+
+
+def test_a_short_fit_that_runs_away_does_not_move_where_the_user_started():
+    # While the hold was chosen, Fs went to next to nothing, from where no other start was near.
+    record, truth = stribeck()
+    start = {"J": 0.08, "d": 0.02, "Fc": 0.04, "Fs": 0.03, "vs": 1.0}
+    assert_found(fitted(STRIBECK, record, start), truth, start, 1e-3)
+
+
+def drive(size: float) -> tuple[Experiment, dict[str, float]]:
+    p = {"k": 2.0, "dz": 0.8, "lim": 3.0, "T": 12.0}
+    rng, time = np.random.default_rng(1), np.arange(500.0)
+    u = steps(rng, time.size, 25, size)
+
+    def rates(y, u):
+        z = np.sign(u) * min(max(abs(u) - p["dz"], 0.0), p["lim"])
+        return (p["k"] * z - y) / p["T"]
+
+    y = stepped(rates, [0.0], u, 1.0, 1) + 0.05 * rng.normal(size=(time.size, 1))
+    return Experiment("run", time, u[:, None], y, ("u",), ("y",)), p
+
+
+@pytest.mark.parametrize("lim", [9.0, 30.0])
+def test_a_limit_that_starts_beyond_all_that_comes_is_found(lim):
+    record, truth = drive(3.0)
+    start = {"k": 1.0, "dz": 0.3, "lim": lim, "T": 20.0}
+    assert_found(fitted(DRIVE, record, start), truth, start, 0.05)
+
+
+def test_a_limit_that_nothing_reaches_is_told():
+    record, _ = drive(0.8)
+    with pytest.raises(EstimationError) as caught:
+        fitted(DRIVE, record, {"k": 1.0, "dz": 0.3, "lim": 9.0, "T": 20.0})
+    assert caught.value.code == "identify-no-influence" and caught.value.where == "lim"
+
+
+def pendulum() -> tuple[Experiment, dict[str, float]]:
+    """Upright, held by a controller that the model does not have."""
+    p = {"l": 0.5, "b": 0.2}
+    rng, time = np.random.default_rng(2), 0.02 * np.arange(700.0)
+    pushes = steps(rng, time.size, 20, 1.5)
+
+    def rates(x, u):
+        return np.array([x[1], (9.81 * np.sin(x[0]) - u * np.cos(x[0])) / p["l"] - p["b"] * x[1]])
+
+    def held(push):
+        return lambda x: 25.0 * x[0] + 4.0 * x[1] + push
+
+    inputs = [held(push) for push in pushes]
+    a = stepped(rates, [0.02, 0.0], inputs, 0.02, 5)[:, :1] + 1e-3 * rng.normal(size=(time.size, 1))
+    return Experiment("run", time, np.array(inputs)[:, None], a, ("u",), ("a",)), p
+
+
+def test_segments_are_cut_where_predictors_lead_and_choose_the_hold():
+    record, truth = pendulum()
+    start = {"l": 2.0, "b": 0.05}
+    assert_found(fitted(PENDULUM, record, start), truth, start, 1e-3)
+
+
+def test_the_hold_is_asked_for_again_where_residuals_are_white():
+    truth = {"C1": 600.0, "C2": 3000.0, "G": 8.0, "h": 1.5, "s": 0.2}
+    start = {"C1": 200.0, "C2": 4000.0, "G": 20.0, "h": 0.8, "s": 0.4}
+    rng, time = np.random.default_rng(1), 10.0 * np.arange(800.0)
+    power = np.clip(250.0 + steps(rng, time.size, 40, 150.0), 0.0, 600.0)
+    ambient = 293.0 + 3.0 * np.sin(time / 2000.0)
+
+    def rates(x, given):
+        power, ambient = given
+        flow = truth["G"] * (x[0] - x[1])
+        loss = truth["h"] * (x[1] - ambient) + truth["s"] * 5.67e-8 * (x[1] ** 4 - ambient**4)
+        return np.array([(power - flow) / truth["C1"], (flow - loss) / truth["C2"]])
+
+    inputs = np.column_stack([power, ambient])
+    y = stepped(rates, [300, 298], inputs, 10.0, 5)[:, 1:] + 0.2 * rng.normal(size=(time.size, 1))
+    record = Experiment("run", time, inputs, y, ("P", "Ta"), ("T",))
+    assert_found(fitted(OVEN, record, start), truth, start, 0.2)
