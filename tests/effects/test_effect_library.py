@@ -52,7 +52,7 @@ EXPECTED = {
     "Signals": frozenset(
         [
             *("DeadZone", "Saturation", "OneSidedLimit", "Offset", "Gain", "QuadraticGain", "Lag", "Delay"),
-            *("AbsoluteValueSensor", "Drift"),
+            *("AbsoluteValueSensor", "Drift", "Play"),
         ]
     ),
     "General": frozenset(["MeasuredInput", "DriftingParameter", "LearnedCurve"]),
@@ -133,7 +133,7 @@ def test_states_and_dynamics() -> None:
     expected |= {"Rotational.FlexibleAppendage": 2, "Translational.FlexibleAppendage": 2}
     expected |= {"Rotational.DraggedInertia": 1, "Translational.DraggedMass": 1}
     expected |= {"Electrical.VoltageRelaxation": 1, "Thermal.ExtraHeatCapacity": 1}
-    expected |= {"Thermal.WallCapacity": 1}
+    expected |= {"Thermal.WallCapacity": 1, "Signals.Play": 1}
     assert states == expected
     dynamic = {effect.name for effect in EFFECTS if effect.is_dynamic}
     assert dynamic == {

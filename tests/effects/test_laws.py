@@ -126,6 +126,15 @@ OTHERS: dict[str, tuple[str, Law]] = {
     "QuadraticGain": ("y", lambda v: v["u"] * (1 + v["a"] * np.hypot(v["u"], v["u_s"]))),
     "Drift": ("y", lambda v: v["u"] + v["r"] * v["time"]),
     "AbsoluteValueSensor": ("y", lambda v: v["u"] + v["share"] * (np.hypot(v["u"], v["u_s"]) - v["u"])),
+    "Play": (
+        "y",
+        lambda v: (
+            v["u"]
+            + ramp(v["u"] - v["x"] - v["width"] / 2, v["u_s"])
+            - ramp(v["u"] - v["x"] + v["width"] / 2, v["u_s"])
+            + v["width"] / 2
+        ),
+    ),
     "MeasuredInput": ("y", lambda v: v["u"] + v["k"] * v["z"]),
     "LearnedCurve": ("y", lambda v: v["u"] + curve(v["u"] / v["u_max"], knots(v, "c"))),
 }
