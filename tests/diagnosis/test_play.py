@@ -1,0 +1,73 @@
+"""Play between what moves and what is told of it. Simulated by steps of a play operator."""
+
+import numpy as np
+import pytest
+
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.options import DiagnoseOptions
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_model
+from daest.modelica.effects import effect_library
+
+MOTOR = """model Motor
+  parameter Real J(unit = "kg.m2", min = 0) = 0.3;
+  parameter Real k(unit = "N.m/V", min = 0) = 1 annotation(__Daest(estimate = true));
+  parameter Real d(unit = "N.m.s/rad", min = 0) = 0.4 annotation(__Daest(estimate = true));
+  input Real u(unit = "V");
+  output Real w(unit = "rad/s") annotation(__Daest(std = 0.05));
+  Real speed(unit = "rad/s", start = 0);
+equation
+  J*der(speed) = k*u - d*speed;
+  w = speed;
+end Motor;
+"""
+EFFECTS = ("Play", "Lag", "CoulombFriction")
+
+
+def played(signal: np.ndarray, width: float) -> np.ndarray:
+    """The follower (n_samples,) of a signal in a play of that width, which it begins in the middle of."""
+    follower, result = signal[0], []
+    for value in signal:
+        follower = min(max(follower, value - 0.5 * width), value + 0.5 * width)
+        result.append(follower)
+    return np.array(result)
+
+
+def recorded(width_u: float, width_w: float) -> Experiment:
+    """Straight lines between samples of the voltage, in which the machine is followed in twenty steps."""
+    rng, n_steps, dt = np.random.default_rng(3), 20, 0.02
+    time = dt * np.arange(700.0)
+    fine = np.arange(time.size * n_steps) * dt / n_steps
+    sines = ((4.0, 0.13), (3.0, 0.4), (2.0, 1.1))
+    voltage = sum(a * np.sin(2.0 * np.pi * f * time + rng.uniform(0.0, 6.0)) for a, f in sines)
+    pushed = played(np.interp(fine, time, voltage), width_u)
+    speed, w = 0.0, []
+    kept = np.exp(-0.6 / 0.3 * dt / n_steps)
+    for value in pushed:
+        w.append(speed)
+        speed = kept * speed + (1.0 - kept) * 2.0 / 0.6 * value
+    told = played(np.array(w), width_w)[::n_steps] + 0.05 * rng.normal(size=time.size)
+    return Experiment("run", time, voltage[:, None], told[:, None], ("u",), ("w",))
+
+
+@pytest.mark.parametrize(
+    ("place", "width"),
+    [
+        ("w", 2.0),
+        pytest.param("u", 0.6, marks=pytest.mark.slow),  # the same law before the machine
+        pytest.param("", 0.0, marks=pytest.mark.slow),  # nothing missing: test_diagnose.py
+    ],
+)
+def test_play_of_a_sensor_or_an_actuator_is_found(tmp_path, place: str, width: float) -> None:
+    (tmp_path / "Motor.mo").write_text(MOTOR)
+    record = recorded(width if place == "u" else 0.0, width if place == "w" else 0.0)
+    model = compile_model(tmp_path / "Motor.mo")
+    found = diagnose(model, effect_library(), [record], (), DiagnoseOptions(effects=EFFECTS))
+    if not place:
+        assert found.verdict == "nothing missing", found.message
+        return
+    assert found.verdict == "supported", found.message
+    best = found.proofs[0]
+    assert best.candidate.label == f"Play at {place}"
+    own = next(p for p in best.told.parameters if p.name == f"{best.candidate.name}.width")
+    assert own.value == pytest.approx(width, rel=0.05)
