@@ -12,6 +12,7 @@ from daest.diagnosis.null import fit_null
 from daest.diagnosis.screen import _responses, run_null, size_names
 from daest.diagnosis.size_slopes import sizes_of
 from daest.modelica.sites import sites
+from daest.systems.reduce import reduce_index
 
 NAMES = ("SpeedRotor", "SpeedMachine")
 EFFECTS = ("Unbalance", "CoulombFriction")
@@ -56,3 +57,16 @@ def test_responses_to_angles_are_the_same_in_equations_and_from_components():
     for key, response in bare.items():
         # The machine's angle is filtered, the bare one is the integral of the filtered speed.
         assert np.linalg.norm(response - machine[key]) < 0.05 * np.linalg.norm(response), key
+
+
+def test_what_turns_on_and_on_is_held_by_no_spring():
+    """At 3 rad/s a spring is wound by 30 turns within 63 s."""
+    flat = model("SpeedRotor")
+    candidates = pairs(some_effects("ReturnSpring", "Unbalance"), sites(flat))
+    for seconds, is_held in ((60.0, True), (66.0, False)):
+        time = np.linspace(0.0, seconds, 200)
+        states = {name: np.full(200, 3.0) for name in reduce_index(flat).state_names}
+        shaped, refused = with_shapes(flat, candidates, time, states, np.zeros((200, len(flat.inputs))))
+        found = {c.effect.name for c in shaped}
+        assert found == ({"ReturnSpring", "Unbalance"} if is_held else {"Unbalance"})
+        assert bool(refused) is not is_held

@@ -198,6 +198,8 @@ def test_a_changed_class_is_read_again(tmp_path) -> None:
         (('role = "size"', 'role = "sise"'), "model-annotation", "WindLoad.mo"),
         (('"connector"', '"series"'), "effect-annotation", "2 connectors"),
         (("effect = true, ", "effect = true, kind = 2, "), "effect-annotation", "kind"),
+        (("effect = true, ", "effect = true, turns = -2, "), "effect-annotation", "turns"),
+        (("effect = true, ", "effect = true, turns = true, "), "effect-annotation", "turns"),
         (("tau = -k*w*abs(w)", "tau = -k*v*abs(w)"), "model-unknown-name", "WindLoad"),
     ],
 )

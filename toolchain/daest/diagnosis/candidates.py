@@ -25,6 +25,8 @@ from daest.systems.reduce import chosen_states, reduce_index
 
 MOST_SHAPES = 32  # of one effect at one place: thinned out, periodic effects lose whole phases
 TIME = "time"  # a grid may be relative to it: the duration of the recording
+ANGLE = "phi"  # of the body at a place, as the effects that hold it call it
+TURNS_ON = "the body turns on and on: what would hold it ends before"
 MOST_PERIODS = 60  # in a turn, that the data are searched for
 MOST_LENGTHS = 200  # of a period along a way, that the data are searched for
 LENGTHS_APART = 4  # steps by which the number of periods over a whole way grows by one
@@ -123,7 +125,14 @@ def with_shapes(
     trajectory `states` (by name, each (n_samples,)); and those that cannot be attached, with the reason."""
     usable, refused, explicit = attachable(flat, candidates)
     shaped = in_shapes(flat, usable, explicit, time, states, inputs, innovations)
-    return tuple(chain.from_iterable(shaped)), refused
+    return tuple(chain.from_iterable(shaped)), (*refused, *without_shape(usable, shaped))
+
+
+def without_shape(
+    usable: Sequence[Candidate], shaped: Sequence[Sequence[Candidate]]
+) -> tuple[tuple[str, str], ...]:
+    """Those of the `usable` candidates that have no shape by `in_shapes`, with the reason."""
+    return tuple((c.label, TURNS_ON) for c, several in zip(usable, shaped, strict=True) if not several)
 
 
 def in_shapes(
@@ -135,11 +144,15 @@ def in_shapes(
     inputs: np.ndarray,
     innovations: np.ndarray | None = None,
 ) -> list[list[Candidate]]:
-    """The shapes of every candidate, as `with_shapes` has them; `explicit` is the model with all of them."""
+    """The shapes of every candidate, as `with_shapes` has them; `explicit` is the model with all of them.
+    None of one that holds a body which turns on and on."""
     reached = ranges(explicit, time, states, inputs)
     counts = {} if innovations is None else periods(usable, explicit, time, states, inputs, innovations)
     result: list[list[Candidate]] = []
     for candidate in usable:
+        if _turns_on(candidate, reached):
+            result.append([])
+            continue
         units, shaped = units_at(flat, candidate.effect, candidate.site), []
         for number, values in enumerate(_shapes(candidate, reached, counts)):
             name = f"{candidate.name}_{number + 1}"
@@ -147,6 +160,12 @@ def in_shapes(
             shaped.append(replace(candidate, name=name, shape=values, units=units, searched=searched))
         result.append(shaped)
     return result
+
+
+def _turns_on(candidate: Candidate, reached: Mapping[str, float]) -> bool:
+    """Whether the body at the place turns further than the effect can hold one."""
+    most = candidate.effect.most_turns
+    return most is not None and reached.get(f"{candidate.name}.{ANGLE}", 0.0) > 2.0 * np.pi * most
 
 
 def attachable(

@@ -397,7 +397,8 @@ def _weak_size(size: FittedParameter, null: float, least: float, certainty: floa
     if size.std_error is None:
         return "the data do not determine its size"
     if certainty < least:
-        return f"its size is not significant ({size.value:.4g} ± {size.std_error:.2g} {size.unit})"
+        asked = f"{certainty:.2g} of the {least:g} standard errors that are asked for"
+        return f"its size is not significant ({told_number(size)}: {asked})"
     return ""
 
 

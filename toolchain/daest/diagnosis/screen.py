@@ -21,7 +21,13 @@ import numpy as np
 from scipy.special import ndtri_exp
 
 from daest.diagnosis.absorbed import rescaling_sizes
-from daest.diagnosis.candidates import attachable, explicit_at_null, in_shapes, with_possible_values
+from daest.diagnosis.candidates import (
+    attachable,
+    explicit_at_null,
+    in_shapes,
+    with_possible_values,
+    without_shape,
+)
 from daest.diagnosis.clipping import CLIPPED
 from daest.diagnosis.error_dynamics import WatchedErrors, dynamics_along
 from daest.diagnosis.gates import GATES
@@ -344,6 +350,7 @@ def _responding(null: Null, run: NullObserver, static: Sequence[Candidate], pool
     pool.begin(called, beside, seconds=seconds)
     in_one = _in_one_model(null, run, explicit, [pair for pair in pairs if not pair[0].effect.n_states])
     in_own = next(pool.map(called, beside, seconds=seconds)).get()
+    refused = (*refused, *without_shape(usable, shaped))
     return _in_order([one.name for _, one in pairs], (in_one, in_own), refused)
 
 

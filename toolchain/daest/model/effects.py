@@ -85,7 +85,8 @@ class Effect:
     equations: at its inputs, at its outputs, or not at all. `sum_of` names the effects that it is the sum of:
     beside all but one of them, it is the one that is left. `grounded` names the effect at one connector
     that it is where an end of its place is grounded. `is_of_store`: it changes a store that the model has,
-    and is nothing where there is none.
+    and is nothing where there is none. `most_turns`: of a body that it may hold; no spring is wound by one
+    that turns on and on. None where it acts at any angle.
     """
 
     name: str
@@ -104,6 +105,7 @@ class Effect:
     sum_of: tuple[str, ...] = ()
     grounded: str = ""
     is_of_store: bool = False
+    most_turns: float | None = None
     documentation: str = ""
     libraries: tuple[str, ...] = ()  # folders besides the bundled library that the class was read from
 

@@ -47,7 +47,7 @@ _ATTACHMENTS: tuple[Attachment, ...] = ("connector", "parallel", "series", *_SIG
 _ROLES: tuple[ParameterRole, ...] = ("size", "shape", "sharpness", "given")
 _SIGNAL_UNITS = ("", "u", "u/s", "1/u")
 MOST_KEPT = 100  # catalogues of effects in the cache
-_KEYS = ("effect", "attach", "law", "dynamic", "inputs", "outside", "sum_of", "grounded", "of_store")
+_KEYS = ("effect", "attach", "law", "dynamic", "inputs", "outside", "sum_of", "grounded", "of_store", "turns")
 _DOCUMENTATION = re.compile(r'Documentation\s*\(\s*info\s*=\s*"((?:[^"\\]|\\.)*)"', re.DOTALL)
 _TAG = re.compile(r"<[^>]*>")
 
@@ -308,6 +308,9 @@ def _check(source: _Source) -> None:
         )
     if not isinstance(source.entry("law"), str):
         raise source.error("law", "law is missing", 'Write law = "tau = -d*w", say.')
+    turns = source.entry("turns")
+    if turns is not None and (isinstance(turns, bool | str | tuple) or turns <= 0):
+        raise source.error("turns", "turns is no number above 0", "Write turns = 30, say.")
     if source.entry("outside") not in (None, "input", "output"):
         raise source.error("outside", "outside is unknown", 'Write outside = "input" or "output".')
 
@@ -510,6 +513,7 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
         sum_of=tuple(source.entry("sum_of") or ()),
         grounded=source.entry("grounded") or "",
         is_of_store=source.annotation.flag("of_store", False),
+        most_turns=source.entry("turns"),
         documentation=source.documentation,
         libraries=libraries,
     )

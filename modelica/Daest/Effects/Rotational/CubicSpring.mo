@@ -8,7 +8,7 @@ model CubicSpring "Spring to the housing whose torque goes with the cube of the 
 equation
   tau = -c3*(phi - phi_0)^3;
   annotation(
-    __Daest(effect = true, attach = "connector", law = "tau = -c3*(phi - phi_0)^3"),
+    __Daest(effect = true, attach = "connector", turns = 30, law = "tau = -c3*(phi - phi_0)^3"),
     Documentation(info = "Beside the linear spring of a shaft it hardens (c3 > 0) or softens (c3 < 0)
 the support, on one side more than on the other unless phi_0 = 0. HardeningSpring is the same between two shafts."));
 end CubicSpring;

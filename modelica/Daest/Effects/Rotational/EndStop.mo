@@ -13,7 +13,7 @@ equation
   tau = -c*(phi - phi_max + sqrt((phi - phi_max)^2 + phi_s^2))/2
     + c*(phi_min - phi + sqrt((phi_min - phi)^2 + phi_s^2))/2;
   annotation(
-    __Daest(effect = true, attach = "connector",
+    __Daest(effect = true, attach = "connector", turns = 30,
       law = "tau = -c*(r(phi - phi_max) - r(phi_min - phi)), r(x) = (x + sqrt(x^2 + phi_s^2))/2"),
     Documentation(info = "Between phi_min and phi_max nothing happens; beyond, a spring pushes back.
 The kinks are rounded over phi_s."));

@@ -11,7 +11,7 @@ equation
   tau = -sum(
     y[k]*noEvent(max(0, 1 - abs(1 + (n_knots - 1)*(1 + max(-1, min(1, phi/phi_max)))/2 - k))) for k in 1:n_knots);
   annotation(
-    __Daest(effect = true, attach = "connector",
+    __Daest(effect = true, attach = "connector", turns = 30,
       law = "tau = -curve(phi), straight lines between the knots from -phi_max to phi_max"),
     Documentation(info = "For an effect that no other class describes. Beyond the outermost knots the
 curve is constant."));

@@ -8,7 +8,7 @@ model ReturnSpring "Spring to the housing whose torque goes with the angle"
 equation
   tau = -c*(phi - phi_0);
   annotation(
-    __Daest(effect = true, attach = "connector", law = "tau = -c*(phi - phi_0)"),
+    __Daest(effect = true, attach = "connector", turns = 30, law = "tau = -c*(phi - phi_0)"),
     Documentation(info = "What pulls a valve, a pedal or a cable back to its place; gravity at small
 angles. A body that stands upright, or is near a magnet, is driven away (c < 0)."));
 end ReturnSpring;

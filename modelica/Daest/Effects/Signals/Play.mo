@@ -14,8 +14,8 @@ equation
   T*der(x) = y - x;
   y = u - width*(u - x)/(sqrt((u - x - width/2)^2 + u_s^2) + sqrt((u - x + width/2)^2 + u_s^2));
   annotation(
-    __Daest(effect = true, attach = "signal", outside = "output",
-      law = "T*der(x) = y - x, y = u - width*z/(sqrt((z - width/2)^2 + u_s^2) + sqrt((z + width/2)^2 + u_s^2)), z = u - x"),
-    Documentation(info = "Gears between a shaft and its sensor, valves and levers that stick: after a change of
-direction the signal rests until the width has been passed."));
+    __Daest(effect = true, attach = "signal",
+      law = "T*der(x) = y - x, y = u - width*z/(r(z - width/2) + r(z + width/2)), z = u - x"),
+    Documentation(info = "Gears between a shaft and its sensor, valves and levers that stick: after a change
+of direction the signal rests until the width has been passed. In the law, r(z)^2 = z^2 + u_s^2."));
 end Play;
