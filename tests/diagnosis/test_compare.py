@@ -294,6 +294,7 @@ def test_servo_without_fault_passes_and_friction_is_located(shared_data):
     assert regions[0].share > 1.3 * regions[0].expected
 
 
+@pytest.mark.slow  # tests/estimation/test_bootstrap.py
 def test_bootstrap_in_processes_is_the_same_to_the_last_bit(monkeypatch):
     monkeypatch.setattr("daest.numerics.parallel.START_SECONDS", -np.inf)
     time, u, x = exact(120)

@@ -57,7 +57,9 @@ def recorded(limit, friction=0.0):
     )
 
 
-@pytest.mark.parametrize(("limit", "verdict"), [(4.0, "supported"), (1e9, "nothing missing")])
+@pytest.mark.parametrize(
+    ("limit", "verdict"), [(4.0, "supported"), pytest.param(1e9, "nothing missing", marks=pytest.mark.slow)]
+)
 def test_command_that_is_cut_is_told_from_all_else(limit, verdict):
     flat = compile_text(SERVO, Path("Servo.mo"))
     laws = some_effects("Saturation", "DeadZone", "CoulombFriction", "QuadraticDrag", "ConstantLoad")
@@ -69,6 +71,7 @@ def test_command_that_is_cut_is_told_from_all_else(limit, verdict):
         assert found.proofs[0].told.theta[f"{law.name}.limit"] == pytest.approx(limit, rel=0.05)
 
 
+@pytest.mark.slow  # friction: test_diagnose.py
 def test_friction_is_among_the_names_beside_a_dead_zone_of_the_controller():
     """Without overshoot they do the same."""
     flat = compile_text(SERVO, Path("Servo.mo"))
@@ -95,6 +98,7 @@ end Oven;
 """
 
 
+@pytest.mark.slow  # a command that is cut: the tests above
 def test_heater_does_not_cool():
     rng = np.random.default_rng(11)
     steps = rng.uniform(40, 120, 10)

@@ -119,6 +119,7 @@ def test_loads_whose_starts_are_certain_together_only_are_no_silence(tmp_path: P
     assert found.verdict != "nothing missing"
 
 
+@pytest.mark.slow  # test_one_step_of_a_heater_behind_a_lag
 def test_law_takes_the_place_of_loads_that_begin_with_the_recordings(tmp_path: Path) -> None:
     (tmp_path / "RollOut.mo").write_text(ROLL_OUT)
     runs = [_rolled(number, start) for number, start in enumerate((33.5, 24.0, 34.0))]

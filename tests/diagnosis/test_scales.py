@@ -44,6 +44,7 @@ def test_nothing_is_held_where_every_parameter_shows():
     assert stand.tied == () and stand.null.estimated == ("J", "d") and held_told(stand) == ""
 
 
+@pytest.mark.slow  # what is held: the tests above and below
 def test_law_is_found_in_proportion_to_what_was_held():
     laws = some_effects("CoulombFriction", "Unbalance", "ConstantLoad")
     found = diagnose(scale_free(), laws, [rubbing_record()], (), DiagnoseOptions(hold="zoh"))

@@ -57,6 +57,7 @@ def losing_heat():
     return Experiment("boiler", time, inputs, outputs, ("P", "D"), ("T1", "T2"))
 
 
+@pytest.mark.slow  # its first round: the test below
 def test_input_is_held_once_the_loss_is_in_the_model():
     flat = compile_text(BOILER, Path("Boiler.mo"))
     laws = [law for law in library() if law.name in ("HeatLoss", "Lag")]

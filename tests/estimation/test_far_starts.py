@@ -116,6 +116,7 @@ def stribeck() -> tuple[Experiment, dict[str, float]]:
     return Experiment("run", time, u[:, None], phi, ("u",), ("phi",)), p
 
 
+@pytest.mark.slow  # far starts: the tests below
 def test_a_short_fit_that_runs_away_does_not_move_where_the_user_started():
     # While the hold was chosen, Fs went to next to nothing, from where no other start was near.
     record, truth = stribeck()

@@ -214,6 +214,7 @@ def test_two_records_have_initial_states_of_their_own():
     assert second.values[0] == pytest.approx(whole.outputs[400, 0], abs=4 * SENSOR)
 
 
+@pytest.mark.slow  # linear: test_identify.py
 def test_missing_samples_are_left_out():
     whole = record(800, 1, 0.0)
     y = whole.outputs.copy()

@@ -130,6 +130,7 @@ def test_unused_outputs_are_compared_and_gaps_are_bridged():
     assert found.std[115, angle] > 1.05 * found.std[60, angle]
 
 
+@pytest.mark.slow  # test_ekf.py, test_ukf.py, test_particle.py
 def test_no_compiler_gives_the_same():
     explicit = friction_servo()
     _, whole = servo_record(explicit, n=12)
@@ -279,7 +280,7 @@ def test_interpreted_projection_gives_the_same():
 
 # A smoother runs its filter first; of particles it takes long.
 TURNS = [
-    pytest.param(smooth, kind, marks=pytest.mark.slow if smooth is (kind == "particle") else ())
+    pytest.param(smooth, kind, marks=pytest.mark.slow if not smooth or kind == "particle" else ())
     for smooth in (False, True)
     for kind in KINDS
 ]
