@@ -74,6 +74,7 @@ def test_other_commands_say_so(command, moved, daest):
     assert "k is 3 and was 1" in said(err.splitlines())
 
 
+@pytest.mark.slow  # the other commands: above
 @pytest.mark.parametrize(
     ("name", "is_taken"), [("other.csv", True), pytest.param("one.csv", False, marks=pytest.mark.slow)]
 )

@@ -43,6 +43,7 @@ def test_compare_keeps_nothing_and_says_so(closed, daest):
     assert "the fit of Lag is not kept" in err and "not kept for daest report" in err
 
 
+@pytest.mark.slow  # the other commands: the tests above
 @pytest.mark.parametrize(
     ("command", "friction", "begins", "file"),
     [

@@ -204,6 +204,7 @@ def hardening(tmp_path, cubic):
     return compile_model(path, "Oscillator")
 
 
+@pytest.mark.slow  # test_switching.py
 def test_nonlinear_models_are_predicted_tested_and_ranked(tmp_path):
     """A cubic spring: its own model is not falsified, a linear one is; BIC and the error fall."""
     true, linear = hardening(tmp_path, 8.0), hardening(tmp_path, 0.0)

@@ -58,11 +58,16 @@ def recorded(limit, friction=0.0):
 
 
 @pytest.mark.parametrize(
-    ("limit", "verdict"), [(4.0, "supported"), pytest.param(1e9, "nothing missing", marks=pytest.mark.slow)]
+    ("limit", "verdict", "others"),
+    [
+        (4.0, "supported", ()),
+        pytest.param(4.0, "supported", ("QuadraticDrag", "ConstantLoad"), marks=pytest.mark.slow),
+        pytest.param(1e9, "nothing missing", ("QuadraticDrag", "ConstantLoad"), marks=pytest.mark.slow),
+    ],
 )
-def test_command_that_is_cut_is_told_from_all_else(limit, verdict):
+def test_command_that_is_cut_is_told_from_all_else(limit, verdict, others):
     flat = compile_text(SERVO, Path("Servo.mo"))
-    laws = some_effects("Saturation", "DeadZone", "CoulombFriction", "QuadraticDrag", "ConstantLoad")
+    laws = some_effects("Saturation", "DeadZone", "CoulombFriction", *others)
     found = diagnose(flat, laws, [recorded(limit)], (), DiagnoseOptions(hold="zoh"))
     assert found.verdict == verdict
     if found.proofs and verdict == "supported":

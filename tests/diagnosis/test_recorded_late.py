@@ -40,7 +40,7 @@ def test_inputs_that_act_before_they_are_recorded_are_seen(case):
     assert told == pytest.approx(given.fit.log_likelihood, abs=1.0)
 
 
-@pytest.mark.parametrize("hold", [None, "foh"])
+@pytest.mark.parametrize("hold", [pytest.param(None, marks=pytest.mark.slow), "foh"])
 def test_inputs_that_act_as_they_are_recorded_gain_nothing(case, straight, hold):
     """Taken on straight lines the held inputs come half a sample early, and a whole one is further off."""
     flat, experiment = case

@@ -329,7 +329,10 @@ end Hung;
     "text",
     [
         HUNG,
-        HUNG.replace("m*der(v) = u - c*s - d*v", "der(v) = u/m - c/m*s - d/m*der(s)"),
+        pytest.param(
+            HUNG.replace("m*der(v) = u - c*s - d*v", "der(v) = u/m - c/m*s - d/m*der(s)"),
+            marks=pytest.mark.slow,
+        ),
         HUNG.replace("m*der(v) = u - c*s - d*v", "F = u - c*s - d*v;\n  der(v) = a;\n  a = F/m").replace(
             "equation\n", '  Real F(unit = "N"), a(unit = "m/s2");\nequation\n'
         ),
@@ -359,6 +362,7 @@ def test_play_of_a_spring_that_hangs_on_what_does_not_move(tmp_path, text):
         np.testing.assert_allclose(simulated(model), expected, rtol=1e-5)
 
 
+@pytest.mark.slow  # test_extend.py
 def test_effects_at_a_body_and_beside_a_force_share_the_storage_they_are_over(tmp_path):
     """What was put into a rate is found again, with the mass that it is divided by."""
     path = tmp_path / "Two.mo"

@@ -174,7 +174,7 @@ def test_a_block_that_sticks_and_slides(block):
     [
         pytest.param("ekf", "loop", marks=pytest.mark.slow),
         pytest.param("ukf", "block", marks=pytest.mark.slow),
-        ("ukf", "loop"),
+        pytest.param("ukf", "loop", marks=pytest.mark.slow),
         ("ekf", "block"),
     ],
 )

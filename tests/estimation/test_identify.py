@@ -272,6 +272,7 @@ def test_experiments_together_tell_more_than_each():
     assert together.n_samples == 4500
 
 
+@pytest.mark.slow  # their likelihood: test_likelihood.py
 def test_missing_and_dropped_samples_are_no_obstacle():
     complete = simulated(6, 1e-4, n_samples=350)
     rng = np.random.default_rng(0)
@@ -293,6 +294,7 @@ def test_missing_and_dropped_samples_are_no_obstacle():
             assert abs(p.value - q.value) < 2.0 * q.std_error
 
 
+@pytest.mark.slow  # their likelihood: test_likelihood.py
 def test_uneven_samples_are_identified():
     family = hand.servo(TRUE)
     rng = np.random.default_rng(1)
@@ -375,6 +377,7 @@ def with_slow_noise():
     return replace(quiet, outputs=quiet.outputs + slow)
 
 
+@pytest.mark.slow  # tests/cli/test_schemas.py
 def test_document_is_plain_json_without_nan(shared_data):
     experiment, truth = known(shared_data, 7)
     family = hand.servo({**truth, **hand.REPORT_START}, noise=UNKNOWN_NOISE)

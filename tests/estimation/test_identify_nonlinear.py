@@ -205,6 +205,7 @@ def test_second_start_shows_over_a_part_of_the_recordings_whether_it_can_win(mon
     assert found[0] == found[1]
 
 
+@pytest.mark.slow  # two records: test_shooting.py
 def test_two_records_have_initial_states_of_their_own():
     whole = record(800, 1, 0.0)
     fit = identified([part_of(whole, 0, 400), part_of(whole, 400, 800)], "oe")

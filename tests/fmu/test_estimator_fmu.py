@@ -157,6 +157,7 @@ def test_a_step_back_is_an_error(fmus, version):
     importer.fmu.freeInstance()
 
 
+@pytest.mark.slow  # in C: test_estimator_c.py
 @pytest.mark.parametrize(
     ("version", "kind"), [("3.0", "ekf"), pytest.param("2.0", "ukf", marks=pytest.mark.slow)]
 )
