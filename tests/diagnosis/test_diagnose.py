@@ -74,6 +74,7 @@ def test_nothing_is_found_where_nothing_is_missing(seed):
     assert "It would have shown" in found.message
 
 
+@pytest.mark.slow  # tests/cli/test_diagnose_command.py
 def test_coulomb_friction_is_named_with_its_size():
     found = diagnosed(rotor_record(600, seed=5, coulomb=lambda phi: 0.15)[0])
     assert found.verdict == "supported" and accepted(found) == {"CoulombFriction"}
@@ -113,6 +114,7 @@ def test_dead_zone_of_the_drive_is_found_at_the_input():
     assert found.proofs[0].candidate.site.name == "u"
 
 
+@pytest.mark.slow  # test_verdict.py; its curve: test_learned.py
 def test_effect_outside_the_library_gets_a_curve_and_no_name():
     record, _ = rotor_record(800, seed=8, coulomb=lambda phi: 0.2)
     found = diagnosed(record, "Unbalance", "ConstantLoad", "Gain")
@@ -212,6 +214,7 @@ def test_wrong_gain_of_the_encoder_is_no_friction():
     assert {p.name: p.value for p in found.baseline.parameters}["J"] == pytest.approx(0.5 / 1.2, rel=0.1)
 
 
+@pytest.mark.slow  # test_verdict.py
 def test_values_that_the_data_contradict_are_off():
     found = diagnosed(rotor_record(1000, seed=1)[0], "CoulombFriction", fitted={"J": 0.6, "d": 0.3})
     assert found.verdict == "parameters off" and "J = 0.6 given" in found.message

@@ -49,14 +49,19 @@ def _warmed(lag: float, powers: list[float], each: int = 600) -> Experiment:
     return Experiment("warmed", np.concatenate(time), np.concatenate(heat)[:, None], outputs, ("P",), ("T",))
 
 
-def _diagnosed(folder: Path, experiment: Experiment) -> Diagnosis:
+def _diagnosed(folder: Path, experiment: Experiment, *names: str) -> Diagnosis:
+    """With effects of these names, or with all."""
     (folder / "Heater.mo").write_text(HEATER)
-    return diagnose(compile_model(folder / "Heater.mo"), effect_library(), [experiment])
+    effects = [effect for effect in effect_library() if not names or effect.name in names]
+    return diagnose(compile_model(folder / "Heater.mo"), effects, [experiment])
 
 
-def test_one_step_of_a_heater_behind_a_lag(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "names", [("Lag", "Delay", "HeatLoss"), pytest.param((), marks=pytest.mark.slow)], ids=["some", "all"]
+)
+def test_one_step_of_a_heater_behind_a_lag(tmp_path: Path, names: tuple[str, ...]) -> None:
     """A dead time of ten states could follow the transient by how its states begin."""
-    found = _diagnosed(tmp_path, _warmed(LAG, [2.0]))
+    found = _diagnosed(tmp_path, _warmed(LAG, [2.0]), *names)
     assert found.verdict == "supported"
     assert found.proofs[0].candidate.label == "Lag at P"
     T = found.proofs[0].told.theta[f"{found.proofs[0].candidate.name}.T"]

@@ -203,6 +203,7 @@ def test_given_noises_stay_as_they_are():
 # Start values, bounds, records
 
 
+@pytest.mark.slow  # test_arx.py, test_far_starts.py
 @pytest.mark.parametrize("method", ["oe", pytest.param("pem", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 def test_start_values_off_by_ten_lead_to_the_same_optimum(seed, method):
@@ -325,6 +326,7 @@ def test_one_output_is_enough_when_the_other_was_not_recorded():
     assert "output omega has no measured value" in result.notes
 
 
+@pytest.mark.slow  # test_shooting.py
 def test_an_unstable_plant_is_identified_by_prediction():
     # ẋ = a x + u + w with a > 0, in the loop u = -3 x + r: a simulation drifts away, the predictor follows.
     family = hand.family_from(

@@ -40,7 +40,7 @@ def servo_record(explicit, n=400, seed=0):
 
 # What is smoothed is what was filtered.
 @pytest.mark.slow  # test_ekf.py, test_ukf.py
-@pytest.mark.parametrize("smooth", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.parametrize("smooth", [False, True])
 def test_agrees_with_the_filter_of_linear_models(smooth):
     explicit = linear_servo()
     _, experiment = servo_record(explicit)
