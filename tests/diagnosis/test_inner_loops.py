@@ -76,7 +76,7 @@ def test_command_that_is_cut_is_told_from_all_else(limit, verdict, others):
         assert found.proofs[0].told.theta[f"{law.name}.limit"] == pytest.approx(limit, rel=0.05)
 
 
-@pytest.mark.slow  # friction: test_diagnose.py
+@pytest.mark.slow  # tests/cli/test_diagnose_command.py
 def test_friction_is_among_the_names_beside_a_dead_zone_of_the_controller():
     """Without overshoot they do the same."""
     flat = compile_text(SERVO, Path("Servo.mo"))
