@@ -241,7 +241,8 @@ def simulated(name: str, *options: str) -> dict[str, np.ndarray]:
     return {title.split(" [")[0]: column for title, column in zip(header, columns, strict=True)}
 
 
-@pytest.mark.parametrize("name", [pytest.param(WITH_TRUTH[0], marks=pytest.mark.slow), WITH_TRUTH[1]])
+@pytest.mark.slow  # test_readme.py
+@pytest.mark.parametrize("name", WITH_TRUTH)
 def test_identify_finds_the_truth(command: Command, name: str) -> None:
     truth = json.loads((EXAMPLES / name / "truth.json").read_text())["parameters"]
     fit = command(name, "identify")

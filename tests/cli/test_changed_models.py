@@ -74,9 +74,8 @@ def test_other_commands_say_so(command, moved, daest):
     assert "k is 3 and was 1" in said(err.splitlines())
 
 
-@pytest.mark.parametrize(
-    ("name", "is_taken"), [("other.csv", True), pytest.param("one.csv", False, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow  # the other commands: above
+@pytest.mark.parametrize(("name", "is_taken"), [("other.csv", True), ("one.csv", False)])
 def test_diagnose_says_so_where_it_takes_the_values(tmp_path, monkeypatch, daest, name, is_taken):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "Cart.mo").write_text(CART)

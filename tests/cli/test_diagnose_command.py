@@ -170,6 +170,7 @@ def test_the_null_and_the_screen_are_kept_too(cart, daest, monkeypatch, tmp_path
     }
 
 
+@pytest.mark.slow  # test_streams.py (signals that ask for the end)
 @pytest.mark.skipif(sys.platform == "win32", reason="sends a POSIX signal")
 def test_ctrl_c_ends_at_once(cart):
     some = [*COULOMB, "--effect", "StribeckFriction,QuadraticDrag"]

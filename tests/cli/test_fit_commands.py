@@ -273,6 +273,7 @@ def test_bootstrap_in_text_and_json(fitted, daest):
         assert interval["std"] == pytest.approx(found["std_error"], rel=0.5)
 
 
+@pytest.mark.slow  # test_diagnose_command.py
 def test_cluster_that_is_not_there(fitted, daest, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("daest.numerics.parallel.CONNECT_SECONDS", 0.5)

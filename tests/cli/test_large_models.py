@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 import scipy.sparse as sp
 from scipy.io import loadmat
 
@@ -41,6 +42,7 @@ def test_triplets_and_files(daest, tmp_path, monkeypatch):
     assert abs(sp.csr_array(loadmat("l.mat")["E"]) - dae.E).max() == 0.0
 
 
+@pytest.mark.slow  # test_linear_commands.py; large: tests/systems/test_sparse_form.py
 def test_noise_document(daest, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     ladder(tmp_path)

@@ -147,6 +147,7 @@ def test_results_are_shown_with_their_numbers(page, results):
     assert digest[:16] in text_of(tree, "origin") and "unchanged" in text_of(tree, "origin")
 
 
+@pytest.mark.slow  # test_several_models.py
 def test_several_models_are_numbered_and_their_tests_side_by_side(told, daest):
     keep_only(told, "fit")
     name = "Lag_with_a_name_that_is_much_longer_than_a_telephone_is_wide"

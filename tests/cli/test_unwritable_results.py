@@ -43,10 +43,11 @@ def test_compare_keeps_nothing_and_says_so(closed, daest):
     assert "the fit of Lag is not kept" in err and "not kept for daest report" in err
 
 
+@pytest.mark.slow  # the other commands: the tests above
 @pytest.mark.parametrize(
     ("command", "friction", "begins", "file"),
     [
-        pytest.param("diagnose", 0.0, "Nothing missing.", "diagnosis.json", marks=pytest.mark.slow),
+        ("diagnose", 0.0, "Nothing missing.", "diagnosis.json"),
         ("improve", 0.0, "Nothing added.", "improve"),
     ],
 )

@@ -307,6 +307,7 @@ def test_few_samples_and_many_turns():
     assert ("check-few-samples", None) not in codes(a=("m", np.arange(60.0)))
 
 
+@pytest.mark.slow  # simulated ones: the tests above
 def test_measured_recordings_give_no_warning(shared_data):
     paths = [path for pattern in GOOD_RECORDS for path in sorted(shared_data.glob(pattern))]
     assert len(paths) >= 20

@@ -139,6 +139,7 @@ def test_design_for_an_effect_tells_power_against_length():
     assert found.expected.smallest_size == pytest.approx(aim.smallest([found.inputs[:half]]), rel=1e-6)
 
 
+@pytest.mark.slow  # linear: the tests above
 def test_nonlinear_models_have_loads_too():
     """Hardly any quadratic drag in the model: it is nonlinear, and does what the linear one does."""
     model, loads = beside_loads(grown("QuadraticDrag", {"k": 1e-4}))

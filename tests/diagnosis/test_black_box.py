@@ -77,6 +77,7 @@ def rubbing(model):
     return diagnosed(model, [recording("a", 1, 0.8)], [recording("b", 2, 0.8)], effects=laws)
 
 
+@pytest.mark.slow  # tests/cli/test_diagnose_command.py (of an FMU)
 def test_friction_is_found_at_the_input(rubbing):
     is_friction(rubbing)
 
@@ -114,6 +115,7 @@ def test_law_that_cannot_be_tried_is_not_called_by_another_name(model):
     assert all(p["verdict"] == "rejected" and p["reason"] for p in found["candidates"])
 
 
+@pytest.mark.slow  # its diagnosis is that of the test above
 def test_only_the_best_and_what_is_as_good_are_named(rubbing):
     named = [p for p in rubbing["candidates"] if p["verdict"] != "rejected"]
     assert len(named) == 1

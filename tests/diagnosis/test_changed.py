@@ -38,6 +38,7 @@ def test_a_load_from_outside_gets_no_name():
     assert all(proof.verdict == "rejected" for proof in found.proofs)
 
 
+@pytest.mark.slow  # tests/cli/test_watch.py
 def test_an_alarm_without_an_effect_cannot_be_told():
     found = diagnosed(None, rotor_record(400, seed=13)[0])
     assert found.verdict == "cannot tell" and "the alarm was a false one" in found.message

@@ -204,6 +204,7 @@ def hardening(tmp_path, cubic):
     return compile_model(path, "Oscillator")
 
 
+@pytest.mark.slow  # test_switching.py
 def test_nonlinear_models_are_predicted_tested_and_ranked(tmp_path):
     """A cubic spring: its own model is not falsified, a linear one is; BIC and the error fall."""
     true, linear = hardening(tmp_path, 8.0), hardening(tmp_path, 0.0)
@@ -294,6 +295,7 @@ def test_servo_without_fault_passes_and_friction_is_located(shared_data):
     assert regions[0].share > 1.3 * regions[0].expected
 
 
+@pytest.mark.slow  # tests/estimation/test_bootstrap.py
 def test_bootstrap_in_processes_is_the_same_to_the_last_bit(monkeypatch):
     monkeypatch.setattr("daest.numerics.parallel.START_SECONDS", -np.inf)
     time, u, x = exact(120)

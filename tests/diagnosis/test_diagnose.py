@@ -74,6 +74,7 @@ def test_nothing_is_found_where_nothing_is_missing(seed):
     assert "It would have shown" in found.message
 
 
+@pytest.mark.slow  # tests/cli/test_diagnose_command.py
 def test_coulomb_friction_is_named_with_its_size():
     found = diagnosed(rotor_record(600, seed=5, coulomb=lambda phi: 0.15)[0])
     assert found.verdict == "supported" and accepted(found) == {"CoulombFriction"}
@@ -113,6 +114,7 @@ def test_dead_zone_of_the_drive_is_found_at_the_input():
     assert found.proofs[0].candidate.site.name == "u"
 
 
+@pytest.mark.slow  # test_verdict.py; its curve: test_learned.py
 def test_effect_outside_the_library_gets_a_curve_and_no_name():
     record, _ = rotor_record(800, seed=8, coulomb=lambda phi: 0.2)
     found = diagnosed(record, "Unbalance", "ConstantLoad", "Gain")
@@ -135,6 +137,7 @@ def test_external_load_is_no_effect(seed):
     assert found.verdict in ("external disturbance", "nothing missing") and not accepted(found)
 
 
+@pytest.mark.slow  # test_slow_loads.py
 def test_constant_load_is_named_where_nothing_holds_the_angle():
     # A slow load takes it, so that one sample ahead the innovations show nothing.
     found = diagnosed(rotor_record(800, seed=14, torque=lambda w, phi: -0.05)[0])
@@ -157,6 +160,7 @@ class Bristles:
         return -self.tau * self.z
 
 
+@pytest.mark.slow  # what is left out: the test below
 def test_bristles_are_named_without_the_excess_that_they_do_not_have():
     record, _ = rotor_record(800, seed=21, torque=Bristles(0.15, 0.3))
     found = diagnosed(record, "LuGreFriction", "CoulombFriction", "QuadraticDrag")
@@ -210,6 +214,7 @@ def test_wrong_gain_of_the_encoder_is_no_friction():
     assert {p.name: p.value for p in found.baseline.parameters}["J"] == pytest.approx(0.5 / 1.2, rel=0.1)
 
 
+@pytest.mark.slow  # test_verdict.py
 def test_values_that_the_data_contradict_are_off():
     found = diagnosed(rotor_record(1000, seed=1)[0], "CoulombFriction", fitted={"J": 0.6, "d": 0.3})
     assert found.verdict == "parameters off" and "J = 0.6 given" in found.message
@@ -242,6 +247,7 @@ def test_two_effects_are_found_in_two_rounds():
     assert errors[-1] < errors[0] / 5.0
 
 
+@pytest.mark.slow  # test_screen.py (that the model estimates already)
 def test_the_only_effect_is_added_once():
     record, _ = rotor_record(700, seed=5, coulomb=lambda phi: 0.15)
     found = improve(model("BareRotor"), library(), [record], options=options("CoulombFriction"))
@@ -272,6 +278,7 @@ def test_validation_data_of_its_own_are_used():
     assert given.proofs[0].delta_bic == pytest.approx(halves.proofs[0].delta_bic, rel=1e-6)
 
 
+@pytest.mark.slow  # tests/cli/test_diagnose_command.py
 def test_restriction_to_places():
     found = diagnosed(rotor_record(600, seed=1)[0], places=("u",))
     assert {e.candidate.site.name for e in found.screen.entries} == {"u"}
@@ -308,6 +315,7 @@ def test_outputs_that_never_change_are_refused():
     assert caught.value.code == "diagnose-unseen" and "never change" in caught.value.what
 
 
+@pytest.mark.slow  # test_screen.py
 def test_unknown_effect_name_leaves_no_candidate():
     with pytest.raises(EstimationError) as caught:
         diagnosed(rotor_record(600, seed=1)[0], "NoSuchEffect")

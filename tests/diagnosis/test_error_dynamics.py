@@ -88,6 +88,7 @@ def relative_errors(flat):
     ]
 
 
+@pytest.mark.slow  # nonlinear: below
 def test_response_of_an_affine_model_is_the_difference_of_two_runs():
     along, average = relative_errors(model())
     assert along < 1e-3 and average == along
@@ -100,7 +101,7 @@ def test_response_of_a_rubbing_model_is_the_difference_of_two_runs(sharpness):
     assert average > 5.0 * along and average > 0.05
 
 
-@pytest.mark.parametrize("hidden", [pytest.param({}, marks=pytest.mark.slow), {"coulomb": lambda phi: 0.15}])
+@pytest.mark.parametrize("hidden", [{}, pytest.param({"coulomb": lambda phi: 0.15}, marks=pytest.mark.slow)])
 def test_outputs_show_the_errors_of_the_states(hidden):
     flat = rubbing(0.2) if hidden else model()
     null, run = null_of(flat, rotor_record(400, seed=3, **hidden)[0])

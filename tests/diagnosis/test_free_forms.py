@@ -106,6 +106,7 @@ def test_forms_that_are_kept_are_those_of_their_null_alone():
     assert len(forms_of(replace(null), run)) > 1
 
 
+@pytest.mark.slow  # loads are none: the test below
 def test_what_a_delay_keeps_of_its_signal_is_no_variable():
     record, _ = rotor_record(100, seed=1)
     (late, *_) = pairs(some_effects("Delay"), [s for s in sites(model()) if s.name == "u"])

@@ -72,6 +72,7 @@ def discharged(current: float, period: float, seed: int) -> Experiment:
     return Experiment(f"{current} A", time, inputs, read[:, None], ("current",), ("voltage",))
 
 
+@pytest.mark.slow  # the law: the test below
 def test_capacity_that_grows_with_its_voltage_is_found() -> None:
     records = [discharged(3.0, 0.22, 1), discharged(0.5, 1.3, 2)]
     flat = compile_text(CELL.encode(), Path("Cell.mo"))

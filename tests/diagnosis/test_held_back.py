@@ -112,6 +112,7 @@ end Furnace;
 """
 
 
+@pytest.mark.slow  # what is looked for beside a lag: the tests above and below
 def test_radiation_is_found_behind_a_slow_thermocouple():
     """The lag alone foresees unseen data worse, so that what it leaves is not even looked at."""
     area, late, period, n = 0.03, 25.0, 10.0, 900

@@ -1,6 +1,7 @@
 """Values that the model holds and that another value would make as likely as an effect."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +18,7 @@ from daest.diagnosis.stand import begin, halved
 from daest.model.fit import FittedParameter
 
 
+@cache
 def stand_with(held):
     """A rotor of known speed whose inertia is `held` (None: estimated) while its damping is estimated."""
     flat = model("SpeedRotor")
@@ -51,6 +53,7 @@ def test_a_right_value_is_not_told():
     assert other_value(stand, run_null(stand.null)) is None
 
 
+@pytest.mark.slow  # none where it is right: the test above
 def test_no_value_is_looked_for_where_all_are_estimated():
     stand = stand_with(None)
     assert other_value(stand, run_null(stand.null)) is None

@@ -190,6 +190,7 @@ def test_load_that_swings_on_a_trolley(tmp_path) -> None:
         assert abs(own.value - true) < 4.0 * own.std_error
 
 
+@pytest.mark.slow  # storage that is found: the wall of a room above
 def test_load_that_oil_drags_along_with_a_trolley(tmp_path) -> None:
     """A mass without a spring: one that swings would have to be damped more than critically."""
     m, d, m2, T = 6.0, 4.0, 3.0, 0.5
@@ -219,6 +220,7 @@ def test_sine_from_elsewhere_is_no_mass_that_rings(tmp_path) -> None:
     assert diagnosis.verdict != "supported", diagnosis.message
 
 
+@pytest.mark.slow  # of a speed: the test above
 def test_sine_in_a_position_that_nothing_holds_is_no_mass_that_rings(tmp_path) -> None:
     """The errors of its simulation add up, those of the predictions tell the same."""
     m, d, T = 6.0, 4.0, 1.6

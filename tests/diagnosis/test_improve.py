@@ -252,10 +252,15 @@ def test_ledger_tells_that_a_simulation_gets_worse_though_a_law_is_supported(add
     assert said.startswith("supported") and ("add up, gets 2 times worse" in said) == is_told
 
 
+@cache
+def with_friction():
+    """The stand with friction in its model."""
+    return improving.accept(rubbing(), replace(proof_of("CoulombFriction"), verdict="supported"))
+
+
 @pytest.mark.parametrize(("certainty", "is_taken"), [(-9.0, False), (-0.1, True)])
 def test_kinks_are_not_refitted_where_unseen_data_are_foreseen_worse_by_it(monkeypatch, certainty, is_taken):
-    friction = replace(proof_of("CoulombFriction"), verdict="supported")
-    stand = improving.accept(rubbing(), friction)
+    friction, stand = proof_of("CoulombFriction"), with_friction()
     monkeypatch.setattr(refitting, "bic_gain", lambda *_: 100.0)
     monkeypatch.setattr(refitting, "compared", lambda *_: (Ahead(10, 0.1, 1.2, certainty),))
     assert (refitting.with_kinks(stand, [friction.candidate]) is not None) == is_taken

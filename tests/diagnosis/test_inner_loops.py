@@ -57,10 +57,17 @@ def recorded(limit, friction=0.0):
     )
 
 
-@pytest.mark.parametrize(("limit", "verdict"), [(4.0, "supported"), (1e9, "nothing missing")])
-def test_command_that_is_cut_is_told_from_all_else(limit, verdict):
+@pytest.mark.parametrize(
+    ("limit", "verdict", "others"),
+    [
+        (4.0, "supported", ()),
+        pytest.param(4.0, "supported", ("QuadraticDrag", "ConstantLoad"), marks=pytest.mark.slow),
+        pytest.param(1e9, "nothing missing", ("QuadraticDrag", "ConstantLoad"), marks=pytest.mark.slow),
+    ],
+)
+def test_command_that_is_cut_is_told_from_all_else(limit, verdict, others):
     flat = compile_text(SERVO, Path("Servo.mo"))
-    laws = some_effects("Saturation", "DeadZone", "CoulombFriction", "QuadraticDrag", "ConstantLoad")
+    laws = some_effects("Saturation", "DeadZone", "CoulombFriction", *others)
     found = diagnose(flat, laws, [recorded(limit)], (), DiagnoseOptions(hold="zoh"))
     assert found.verdict == verdict
     if found.proofs and verdict == "supported":
@@ -69,6 +76,7 @@ def test_command_that_is_cut_is_told_from_all_else(limit, verdict):
         assert found.proofs[0].told.theta[f"{law.name}.limit"] == pytest.approx(limit, rel=0.05)
 
 
+@pytest.mark.slow  # tests/cli/test_diagnose_command.py
 def test_friction_is_among_the_names_beside_a_dead_zone_of_the_controller():
     """Without overshoot they do the same."""
     flat = compile_text(SERVO, Path("Servo.mo"))
@@ -95,6 +103,7 @@ end Oven;
 """
 
 
+@pytest.mark.slow  # a command that is cut: the tests above
 def test_heater_does_not_cool():
     rng = np.random.default_rng(11)
     steps = rng.uniform(40, 120, 10)

@@ -92,6 +92,7 @@ def test_response_is_what_a_late_signal_does_to_the_innovations(label, late):
     assert np.linalg.norm((change - response)[begin:]) < 0.1 * np.linalg.norm(change[begin:])
 
 
+@pytest.mark.slow  # the tests above and below
 def test_late_heater_is_seen_beside_a_wall_that_drifts():
     null = null_of(recorded(lag=700.0, wall=150.0))
     found = late_signals(null, run_null(null), late_at())

@@ -159,7 +159,7 @@ end Whole;
 """
 
 
-@pytest.mark.parametrize("name", ["Rotor", "TwoMass", "Whole"])
+@pytest.mark.parametrize("name", ["Rotor", pytest.param("TwoMass", marks=pytest.mark.slow), "Whole"])
 def test_sign_of_a_load_is_that_of_a_torque_into_the_node(name):
     flat = compile_text(INSIDE.encode(), MODELS / "Whole.mo", name) if name == "Whole" else model(name)
     flat = without_noises(flat)

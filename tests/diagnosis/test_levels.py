@@ -159,6 +159,7 @@ def test_hole_of_a_tank_is_named_with_its_height() -> None:
         assert abs(own[name].value - true) < 4.0 * own[name].std_error < 0.5 * true
 
 
+@pytest.mark.slow  # test_null.py
 def test_a_start_from_which_the_model_cannot_be_simulated_is_no_stop() -> None:
     """With an outlet four times too large the level falls below the hole, where no root is; in closed form
     the root of the level over the hole falls in proportion to time."""

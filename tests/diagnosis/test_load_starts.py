@@ -2,11 +2,12 @@
 from then on. Simulated by the closed solution."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from daest.diagnosis import load_starts
+from daest.diagnosis import load_starts, verdict
 from daest.diagnosis.diagnose import diagnose
 from daest.model.diagnosis import Diagnosis
 from daest.model.experiment import Experiment
@@ -48,20 +49,26 @@ def _warmed(lag: float, powers: list[float], each: int = 600) -> Experiment:
     return Experiment("warmed", np.concatenate(time), np.concatenate(heat)[:, None], outputs, ("P",), ("T",))
 
 
-def _diagnosed(folder: Path, experiment: Experiment) -> Diagnosis:
+def _diagnosed(folder: Path, experiment: Experiment, *names: str) -> Diagnosis:
+    """With effects of these names, or with all."""
     (folder / "Heater.mo").write_text(HEATER)
-    return diagnose(compile_model(folder / "Heater.mo"), effect_library(), [experiment])
+    effects = [effect for effect in effect_library() if not names or effect.name in names]
+    return diagnose(compile_model(folder / "Heater.mo"), effects, [experiment])
 
 
-def test_one_step_of_a_heater_behind_a_lag(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "names", [("Lag", "Delay", "HeatLoss"), pytest.param((), marks=pytest.mark.slow)], ids=["some", "all"]
+)
+def test_one_step_of_a_heater_behind_a_lag(tmp_path: Path, names: tuple[str, ...]) -> None:
     """A dead time of ten states could follow the transient by how its states begin."""
-    found = _diagnosed(tmp_path, _warmed(LAG, [2.0]))
+    found = _diagnosed(tmp_path, _warmed(LAG, [2.0]), *names)
     assert found.verdict == "supported"
     assert found.proofs[0].candidate.label == "Lag at P"
     T = found.proofs[0].told.theta[f"{found.proofs[0].candidate.name}.T"]
     assert pytest.approx(LAG, rel=0.1) == T
 
 
+@pytest.mark.slow  # what is told: test_load_that_no_law_takes_over_is_told
 def test_a_load_that_begins_with_the_recording_is_no_silence(tmp_path: Path) -> None:
     """The same where only lags are tried that the data do not support: that something is there is said."""
     experiment = _warmed(LAG, [2.0])
@@ -119,6 +126,7 @@ def test_loads_whose_starts_are_certain_together_only_are_no_silence(tmp_path: P
     assert found.verdict != "nothing missing"
 
 
+@pytest.mark.slow  # test_one_step_of_a_heater_behind_a_lag
 def test_law_takes_the_place_of_loads_that_begin_with_the_recordings(tmp_path: Path) -> None:
     (tmp_path / "RollOut.mo").write_text(ROLL_OUT)
     runs = [_rolled(number, start) for number, start in enumerate((33.5, 24.0, 34.0))]
@@ -128,6 +136,13 @@ def test_law_takes_the_place_of_loads_that_begin_with_the_recordings(tmp_path: P
     assert found.verdict == "supported" and law.effect.name == "QuadraticDrag"
     drag = next(p for p in fit.parameters if p.name == f"{law.name}.k")
     assert drag.std_error is not None and abs(drag.value - 0.39) < 3 * drag.std_error < 0.1
+
+
+def test_load_that_no_law_takes_over_is_told() -> None:
+    load = SimpleNamespace(place="body", unit="W", time_constant=17.0)
+    decided = verdict._of_starts(SimpleNamespace(proofs=()), [SimpleNamespace(load=load, value=2.0)])
+    assert decided.name == "external disturbance"
+    assert "a load at body that begins with the recording (2 W, gone by" in decided.message
 
 
 def test_starts_that_make_nothing_likelier_are_none(monkeypatch: pytest.MonkeyPatch) -> None:

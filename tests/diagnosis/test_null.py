@@ -262,6 +262,7 @@ end Tanks;
 """
 
 
+@pytest.mark.slow  # no load that can be fitted: below
 def test_equal_start_values_of_two_tanks_are_no_stop(tmp_path):
     """Where they are equal, two tanks and their pump move the second level alike to first order; that is
     no reason to stop."""

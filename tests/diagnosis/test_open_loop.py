@@ -155,6 +155,7 @@ def test_a_model_that_its_inputs_do_not_move_is_told(is_recorded):
         assert driven_share(replace(null, experiments=(replace(record, inputs=level),))) is None
 
 
+@pytest.mark.slow  # what inputs move: the test above
 def test_inputs_that_were_switched_before_the_recordings_move_the_model():
     """A torque that is on in one recording and off in the other, with the noise of its sensor."""
     rng, dt, n = np.random.default_rng(9), 0.05, 200

@@ -71,6 +71,7 @@ def case(friction, shaken):
     return flat, stand, run, pieces
 
 
+@cache
 def shown(effect, friction, shaken):
     """The search for an effect at the cart, and what the pieces of its records say of that."""
     flat, stand, run, pieces = case(friction, shaken)
@@ -81,6 +82,12 @@ def shown(effect, friction, shaken):
     trial = trials(used, 1.0, 1)[0]
     search = Search(stand, run, None, None, len(candidates), pieces=pieces)
     return search, tried_in_open_loop(search, prepare(stand.null.flat, stand.null.estimated, trial))
+
+
+@cache
+def proved_friction():
+    search, found = shown("Translational.CoulombFriction", 1.5, 0.02)
+    return proof_in_open_loop(search, found, None)
 
 
 def test_pieces_do_not_drift():
@@ -99,9 +106,8 @@ def test_pieces_do_not_drift():
 
 
 def test_dry_friction_is_shown_by_pieces():
-    search, found = shown("Translational.CoulombFriction", 1.5, 0.02)
-    assert found.is_clear
-    proof = proof_in_open_loop(search, found, None)
+    assert shown("Translational.CoulombFriction", 1.5, 0.02)[1].is_clear
+    proof = proved_friction()
     assert proof.verdict == "supported"
     assert proof.is_by_use
     size = proof.final.theta[f"{proof.candidate.name}.f_c"]
@@ -113,7 +119,13 @@ def test_dry_friction_is_shown_by_pieces():
     assert len(proof.final.initial_states) == len(stand.null.experiments)
 
 
-@pytest.mark.parametrize("effect", ["CoulombFriction", "QuadraticDrag", "ConstantLoad"])
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "CoulombFriction",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("QuadraticDrag", "ConstantLoad")),
+    ],
+)
 def test_noise_is_no_law_in_pieces(effect):
     _, found = shown(f"Translational.{effect}", 0.0, 0.3)
     assert found is None or not (found.is_near or found.is_clear)
@@ -184,7 +196,7 @@ def test_law_that_comes_near_is_told_and_not_claimed():
     vague = replace(found, used=replace(found.used, unseen=2.0 * np.log(1.25), certainty=1.0))
     assert vague.is_near and not vague.is_clear
     assert not replace(vague, is_known=False).is_near
-    refused = replace(proof_in_open_loop(search, found, None), verdict="rejected")
+    refused = replace(proved_friction(), verdict="rejected")
     proof = proof_in_open_loop(search, vague, refused)
     assert proof.verdict == "rejected"
     said = nearest_in_pieces([proof])

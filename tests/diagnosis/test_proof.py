@@ -132,6 +132,7 @@ def test_candidate_far_behind_a_supported_one_is_judged_after_a_first_pass():
     assert after == pytest.approx(before, rel=0.02)
 
 
+@pytest.mark.slow  # of less gain: the test below
 def test_richer_law_below_the_simple_one_is_judged_in_brief():
     stand, (prepared, full) = rubbing(), proved()
     run = run_null(stand.null)

@@ -44,6 +44,7 @@ def test_nothing_is_held_where_every_parameter_shows():
     assert stand.tied == () and stand.null.estimated == ("J", "d") and held_told(stand) == ""
 
 
+@pytest.mark.slow  # what is held: the tests above and below
 def test_law_is_found_in_proportion_to_what_was_held():
     laws = some_effects("CoulombFriction", "Unbalance", "ConstantLoad")
     found = diagnose(scale_free(), laws, [rubbing_record()], (), DiagnoseOptions(hold="zoh"))
@@ -53,6 +54,7 @@ def test_law_is_found_in_proportion_to_what_was_held():
     assert fit.theta[f"{law.candidate.name}.tau_c"] / fit.theta["k"] == pytest.approx(0.15, rel=0.1)
 
 
+@pytest.mark.slow  # what changes together: above
 def test_small_friction_does_not_hide_what_changes_with_it():
     """Beside the friction of the motor's own voltage its change is by far the largest one."""
     text = (

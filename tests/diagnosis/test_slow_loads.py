@@ -30,7 +30,7 @@ def test_constant_torque_is_what_the_load_stands_for():
     }
 
 
-@pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.slow)])
 def test_load_that_moves_by_itself_stands_for_no_law(seed):
     assert said(rotor_record(800, seed=seed, load=(0.15, 1.0))[0])[1] == ()
 

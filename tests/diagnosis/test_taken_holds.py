@@ -57,6 +57,7 @@ def losing_heat():
     return Experiment("boiler", time, inputs, outputs, ("P", "D"), ("T1", "T2"))
 
 
+@pytest.mark.slow  # the question for the hold: the last test
 def test_input_is_held_once_the_loss_is_in_the_model():
     flat = compile_text(BOILER, Path("Boiler.mo"))
     laws = [law for law in library() if law.name in ("HeatLoss", "Lag")]
@@ -68,6 +69,7 @@ def test_input_is_held_once_the_loss_is_in_the_model():
     assert losses == pytest.approx([LOSS, LOSS], rel=0.05)
 
 
+@pytest.mark.slow  # the question for the hold: the last test
 def test_model_with_the_first_loss_has_the_values_of_the_hold_that_is_told():
     flat = compile_text(BOILER, Path("Boiler.mo"))
     laws = [law for law in library() if law.name == "HeatLoss"]

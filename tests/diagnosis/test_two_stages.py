@@ -77,6 +77,7 @@ def test_loop_that_drives_the_states_of_effects_leaves_them_where_they_are(tmp_p
     assert brought_rows(grown, known) == [2 + i for i in range(len(chosen))]
 
 
+@pytest.mark.slow  # above
 def test_states_that_follow_the_model_are_screened_beside_others_that_do_not(tmp_path):
     flat = circuit(tmp_path)
     nodes = [s for s in sites(flat) if s.kind == "node"]

@@ -55,6 +55,7 @@ def test_lag_is_found_where_the_model_has_no_time_constant(tmp_path: Path) -> No
     assert best.told.theta[f"{best.candidate.name}.T"] == pytest.approx(LAG, rel=0.1)
 
 
+@pytest.mark.slow  # without states: the test above
 def test_store_at_a_temperature_that_is_an_input_needs_its_slope(tmp_path: Path) -> None:
     """The wall takes up heat behind the meter, at the temperature inside."""
     rng = np.random.default_rng(7)

@@ -58,23 +58,22 @@ def test_null_is_the_nominal_model(effect, site) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        *("Rotational.CoulombFriction", "Rotational.Backlash", "Rotational.LoadDependentFriction"),
+        # One of each domain and kind; the others, which bend alike, among the slow tests.
+        *("Rotational.CoulombFriction", "Rotational.Backlash", "Translational.EndStop"),
+        *("Electrical.BrushVoltageDrop", "Thermal.Radiation", "Hydraulic.Overflow", "Hydraulic.Orifice"),
+        *("Signals.DeadZone", "Signals.OneSidedLimit", "General.DriftingParameter"),
         *(
-            "Rotational.LuGreFriction",
-            "Translational.EndStop",
-            "Electrical.BrushVoltageDrop",
-            "Thermal.Radiation",
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in (
+                "Rotational.LoadDependentFriction",
+                "Rotational.LuGreFriction",
+                "Hydraulic.Weir",
+                "Hydraulic.Downpipe",
+                "Signals.Saturation",
+                "Signals.AbsoluteValueSensor",
+                "Signals.QuadraticGain",
+            )
         ),
-        *(
-            "Hydraulic.Overflow",
-            "Hydraulic.Weir",
-            "Hydraulic.Downpipe",
-            "Hydraulic.Orifice",
-            "Signals.DeadZone",
-            "Signals.Saturation",
-            "Signals.OneSidedLimit",
-        ),
-        *("General.DriftingParameter", "Signals.AbsoluteValueSensor", "Signals.QuadraticGain"),
     ],
 )
 def test_null_gives_the_nominal_response(name: str) -> None:

@@ -95,7 +95,7 @@ def test_flow_leaves_one_balance_and_enters_the_other(tmp_path, name):
     assert second.text.count("Daest.Terms.") == 2
 
 
-@pytest.mark.parametrize("unit", ["K", "degC"])
+@pytest.mark.parametrize("unit", [pytest.param("K", marks=pytest.mark.slow), "degC"])
 def test_heat_flows_to_surroundings_whose_temperature_is_an_input(tmp_path, unit):
     zero = 273.15 if unit == "degC" else 0.0
     path = tmp_path / "Oven.mo"

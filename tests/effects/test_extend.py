@@ -280,6 +280,7 @@ def test_output_that_is_a_state_gets_a_variable_behind_it(tmp_path, place, says)
     }
 
 
+@pytest.mark.slow  # test_inner_signals.py
 @pytest.mark.parametrize("place", ["v", *(pytest.param(p, marks=pytest.mark.slow) for p in ("u", "g"))])
 def test_several_effects_at_one_signal_follow_each_other(tmp_path, place) -> None:
     path = tmp_path / "Wheel.mo"

@@ -113,8 +113,10 @@ LAWS = {
 }
 
 
-PAIRS = [  # every form and every law once; all pairs among the slow tests
-    pytest.param(form, law, marks=pytest.mark.slow if i % len(LAWS) != j else ())
+# Every law once, in forms that the tests of a play below do not take; all pairs among the slow tests.
+OTHERS = ("given", "behind", "bound", "within")
+PAIRS = [
+    pytest.param(form, law, marks=pytest.mark.slow if form not in OTHERS or i % len(LAWS) != j else ())
     for i, form in enumerate(FORMS)
     for j, law in enumerate(LAWS)
 ]
@@ -208,7 +210,9 @@ GEARED_RATES = (
 )
 
 
-@pytest.mark.parametrize("text", [GEARED, GEARED_RATES], ids=["within", "rates"])
+@pytest.mark.parametrize(
+    "text", [pytest.param(GEARED, marks=pytest.mark.slow), GEARED_RATES], ids=["within", "rates"]
+)
 @pytest.mark.parametrize(
     ("class_name", "values", "law"),
     [
@@ -325,7 +329,10 @@ end Hung;
     "text",
     [
         HUNG,
-        HUNG.replace("m*der(v) = u - c*s - d*v", "der(v) = u/m - c/m*s - d/m*der(s)"),
+        pytest.param(
+            HUNG.replace("m*der(v) = u - c*s - d*v", "der(v) = u/m - c/m*s - d/m*der(s)"),
+            marks=pytest.mark.slow,
+        ),
         HUNG.replace("m*der(v) = u - c*s - d*v", "F = u - c*s - d*v;\n  der(v) = a;\n  a = F/m").replace(
             "equation\n", '  Real F(unit = "N"), a(unit = "m/s2");\nequation\n'
         ),
@@ -355,6 +362,7 @@ def test_play_of_a_spring_that_hangs_on_what_does_not_move(tmp_path, text):
         np.testing.assert_allclose(simulated(model), expected, rtol=1e-5)
 
 
+@pytest.mark.slow  # test_extend.py
 def test_effects_at_a_body_and_beside_a_force_share_the_storage_they_are_over(tmp_path):
     """What was put into a rate is found again, with the mass that it is divided by."""
     path = tmp_path / "Two.mo"

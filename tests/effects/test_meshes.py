@@ -195,7 +195,7 @@ PIPE_RATE = PIPE.replace("L*der(q) = p - pv - R*q", "der(q) = (p0 - pv - R*q)/L"
 )
 
 
-@pytest.mark.parametrize("text", [PIPE, PIPE_RATE], ids=["sum", "rate"])
+@pytest.mark.parametrize("text", [PIPE, pytest.param(PIPE_RATE, marks=pytest.mark.slow)], ids=["sum", "rate"])
 def test_orifice_is_put_in_series_in_a_pipe(tmp_path, text):
     path, k = tmp_path / "Pipe.mo", 4e9
     path.write_text(text)

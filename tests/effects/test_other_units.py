@@ -45,7 +45,10 @@ MACHINES = {
 PAIRS = [
     ("rad/s", "rpm", "Rotational.CoulombFriction", 0.4, 2.0, 1.0, 30.0 / np.pi, 0.0),
     ("rad/s", "solved", "Rotational.CoulombFriction", 0.4, 2.0, 1.0, 30.0 / np.pi, 0.0),
-    ("rad/s", "deg/s", "Rotational.QuadraticDrag", 0.03, 2.0, 1e3, 180.0 / np.pi, 0.0),
+    pytest.param(
+        *("rad/s", "deg/s", "Rotational.QuadraticDrag", 0.03, 2.0, 1e3, 180.0 / np.pi, 0.0),
+        marks=pytest.mark.slow,
+    ),
     ("Pa", "bar", "Hydraulic.Leak", 2e-8, 2e-3, 6e4, 1e-5, 0.0),
     ("K", "degF", "Thermal.RadiationLoss", 2.0, 30.0, 1e-3, 1.8, -459.67),
 ]

@@ -54,6 +54,7 @@ def test_relaxation_is_put_in_series(tmp_path, form):
         assert found == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.slow  # test_inner_signals.py, test_meshes.py
 def test_two_effects_at_one_terminal_add_up(tmp_path):
     path = tmp_path / "Cell.mo"
     path.write_text(FORMS["equation"])

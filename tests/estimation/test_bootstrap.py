@@ -149,6 +149,7 @@ def test_bootstrap_and_starts_in_processes_are_the_same_to_the_last_bit(no_waiti
     assert np.array_equal(one.estimates, other.estimates)
 
 
+@pytest.mark.slow  # linear: the test above
 def test_starts_of_a_nonlinear_model_in_processes_are_the_same_to_the_last_bit(no_waiting):
     time = PERIOD * np.arange(N)
     u, x = np.where(np.arange(N) % 40 < 20, 1.0, -0.5), np.zeros(N)

@@ -90,7 +90,7 @@ def test_initial_point_is_on_the_constraints():
     assert xi[4] == pytest.approx(0.5 * 9.81 * 0.96)  # the rod carries the weight along it
 
 
-@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("compiled", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_gradient_of_the_likelihood_is_that_of_finite_differences(compiled):
     time, u, found, _ = turned(150)
     rows = slice(0, 30 if compiled else 3)

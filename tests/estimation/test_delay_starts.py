@@ -57,6 +57,7 @@ def test_a_past_is_long_where_it_holds_more_samples_than_numbers(period, is_long
     assert list(held) == [False, False, is_long, False, is_long]
 
 
+@pytest.mark.slow  # in parts: the tests above
 def test_a_delay_of_a_steady_input_draws_no_curve():
     """A first-order step response with noise and a bump in its first second: with ten free states behind
     the steady input the delay follows the bump, with a level alone it cannot."""

@@ -155,6 +155,7 @@ def stuck_friction_identified(skipped=0):
     )
 
 
+@pytest.mark.slow  # test_sharp_friction.py
 def test_sharp_friction_is_averaged_over_what_is_known_of_the_speed():
     found = stuck_friction_identified()
     assert any("extended Kalman filter" in note for note in found.notes)

@@ -116,6 +116,7 @@ def stribeck() -> tuple[Experiment, dict[str, float]]:
     return Experiment("run", time, u[:, None], phi, ("u",), ("phi",)), p
 
 
+@pytest.mark.slow  # far starts: the tests below
 def test_a_short_fit_that_runs_away_does_not_move_where_the_user_started():
     # While the hold was chosen, Fs went to next to nothing, from where no other start was near.
     record, truth = stribeck()
@@ -136,7 +137,7 @@ def drive(size: float) -> tuple[Experiment, dict[str, float]]:
     return Experiment("run", time, u[:, None], y, ("u",), ("y",)), p
 
 
-@pytest.mark.parametrize("lim", [9.0, 30.0])
+@pytest.mark.parametrize("lim", [9.0, pytest.param(30.0, marks=pytest.mark.slow)])
 def test_a_limit_that_starts_beyond_all_that_comes_is_found(lim):
     record, truth = drive(3.0)
     start = {"k": 1.0, "dz": 0.3, "lim": lim, "T": 20.0}
@@ -167,6 +168,7 @@ def pendulum() -> tuple[Experiment, dict[str, float]]:
     return Experiment("run", time, np.array(inputs)[:, None], a, ("u",), ("a",)), p
 
 
+@pytest.mark.slow  # segments: test_shooting.py
 def test_segments_are_cut_where_predictors_lead_and_choose_the_hold():
     record, truth = pendulum()
     start = {"l": 2.0, "b": 0.05}

@@ -78,7 +78,7 @@ def test_simulation_is_that_of_scipy(tmp_path, law):
         assert np.max(np.abs(run["T"] - data.outputs[:, 0])) > 0.05
 
 
-@pytest.mark.parametrize("law", ["", " - r*(T - To)^3"])
+@pytest.mark.parametrize("law", ["", pytest.param(" - r*(T - To)^3", marks=pytest.mark.slow)])
 def test_identification_takes_the_right_hold_and_finds_the_truth(tmp_path, law):
     r = 0.4 if law else 0.0
     flat = room(tmp_path, law).with_theta({"r": r})

@@ -113,6 +113,7 @@ def test_a_sampled_loop_is_filtered_exactly(loop, kind, n):
     assert found.log_likelihood == pytest.approx(likelihood, abs=1e-7)
 
 
+@pytest.mark.slow  # ekf and ukf: above; particles: test_particle.py
 def test_particles_follow_the_ticks(loop):
     recording, means, stds, _ = loop_recording(26)
     start = InitialState(np.zeros(3), np.zeros((3, 3)))
@@ -174,7 +175,7 @@ def test_a_block_that_sticks_and_slides(block):
     [
         pytest.param("ekf", "loop", marks=pytest.mark.slow),
         pytest.param("ukf", "block", marks=pytest.mark.slow),
-        ("ukf", "loop"),
+        pytest.param("ukf", "loop", marks=pytest.mark.slow),
         ("ekf", "block"),
     ],
 )

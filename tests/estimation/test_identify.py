@@ -203,6 +203,7 @@ def test_given_noises_stay_as_they_are():
 # Start values, bounds, records
 
 
+@pytest.mark.slow  # test_arx.py, test_far_starts.py
 @pytest.mark.parametrize("method", ["oe", pytest.param("pem", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 def test_start_values_off_by_ten_lead_to_the_same_optimum(seed, method):
@@ -272,6 +273,7 @@ def test_experiments_together_tell_more_than_each():
     assert together.n_samples == 4500
 
 
+@pytest.mark.slow  # their likelihood: test_likelihood.py
 def test_missing_and_dropped_samples_are_no_obstacle():
     complete = simulated(6, 1e-4, n_samples=350)
     rng = np.random.default_rng(0)
@@ -293,6 +295,7 @@ def test_missing_and_dropped_samples_are_no_obstacle():
             assert abs(p.value - q.value) < 2.0 * q.std_error
 
 
+@pytest.mark.slow  # their likelihood: test_likelihood.py
 def test_uneven_samples_are_identified():
     family = hand.servo(TRUE)
     rng = np.random.default_rng(1)
@@ -323,6 +326,7 @@ def test_one_output_is_enough_when_the_other_was_not_recorded():
     assert "output omega has no measured value" in result.notes
 
 
+@pytest.mark.slow  # test_shooting.py
 def test_an_unstable_plant_is_identified_by_prediction():
     # ẋ = a x + u + w with a > 0, in the loop u = -3 x + r: a simulation drifts away, the predictor follows.
     family = hand.family_from(
@@ -375,6 +379,7 @@ def with_slow_noise():
     return replace(quiet, outputs=quiet.outputs + slow)
 
 
+@pytest.mark.slow  # tests/cli/test_schemas.py
 def test_document_is_plain_json_without_nan(shared_data):
     experiment, truth = known(shared_data, 7)
     family = hand.servo({**truth, **hand.REPORT_START}, noise=UNKNOWN_NOISE)

@@ -205,6 +205,7 @@ def test_second_start_shows_over_a_part_of_the_recordings_whether_it_can_win(mon
     assert found[0] == found[1]
 
 
+@pytest.mark.slow  # two records: test_shooting.py
 def test_two_records_have_initial_states_of_their_own():
     whole = record(800, 1, 0.0)
     fit = identified([part_of(whole, 0, 400), part_of(whole, 400, 800)], "oe")
@@ -214,6 +215,7 @@ def test_two_records_have_initial_states_of_their_own():
     assert second.values[0] == pytest.approx(whole.outputs[400, 0], abs=4 * SENSOR)
 
 
+@pytest.mark.slow  # linear: test_identify.py
 def test_missing_samples_are_left_out():
     whole = record(800, 1, 0.0)
     y = whole.outputs.copy()

@@ -39,7 +39,8 @@ def servo_record(explicit, n=400, seed=0):
 
 
 # What is smoothed is what was filtered.
-@pytest.mark.parametrize("smooth", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow  # test_ekf.py, test_ukf.py
+@pytest.mark.parametrize("smooth", [False, True])
 def test_agrees_with_the_filter_of_linear_models(smooth):
     explicit = linear_servo()
     _, experiment = servo_record(explicit)
@@ -130,6 +131,7 @@ def test_unused_outputs_are_compared_and_gaps_are_bridged():
     assert found.std[115, angle] > 1.05 * found.std[60, angle]
 
 
+@pytest.mark.slow  # test_ekf.py, test_ukf.py, test_particle.py
 def test_no_compiler_gives_the_same():
     explicit = friction_servo()
     _, whole = servo_record(explicit, n=12)
@@ -279,7 +281,7 @@ def test_interpreted_projection_gives_the_same():
 
 # A smoother runs its filter first; of particles it takes long.
 TURNS = [
-    pytest.param(smooth, kind, marks=pytest.mark.slow if smooth is (kind == "particle") else ())
+    pytest.param(smooth, kind, marks=pytest.mark.slow if not smooth or kind == "particle" else ())
     for smooth in (False, True)
     for kind in KINDS
 ]

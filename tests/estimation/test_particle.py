@@ -129,7 +129,7 @@ def linear_case(n=150):
     return Task.of(model, data, explicit.flat.theta_values, noise, start, np.inf)
 
 
-@pytest.mark.parametrize("proposal", ["bootstrap", "ekf"])
+@pytest.mark.parametrize("proposal", [pytest.param("bootstrap", marks=pytest.mark.slow), "ekf"])
 def test_linear_model_within_its_monte_carlo_band(proposal):
     task, m = linear_case(), 1000
     exact = run_ekf(

@@ -94,6 +94,7 @@ def test_a_second_look_leads_to_where_shooting_does(start):
     assert led.status == "converged" and led.log_likelihood == pytest.approx(fit.log_likelihood, abs=0.01)
 
 
+@pytest.mark.slow  # any number of segments: the tests below
 def test_shooting_ends_where_an_easy_single_search_does():
     explicit = oscillator()
     rng = np.random.default_rng(1)

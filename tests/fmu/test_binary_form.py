@@ -181,6 +181,7 @@ def test_linear_model_through_its_binary_equals_its_equations(drive_fmu, tmp_pat
     assert other.log_likelihood == pytest.approx(one.log_likelihood, abs=1e-3)
 
 
+@pytest.mark.slow  # test_modelica_models.py
 def test_exported_nonlinear_model_alone_equals_its_equations(tmp_path):
     import fmu_models as models
 

@@ -294,6 +294,9 @@ def test_nonlinear_single_precision(nonlinear, tmp_path):
     assert np.max(np.abs(found["y"] - known.values[:, i]) / known.std[:, i]) < 1e-2
 
 
+@pytest.mark.parametrize(
+    "nonlinear", ["Diode", pytest.param("Pendulum", marks=pytest.mark.slow)], indirect=True
+)
 def test_what_a_nonlinear_step_costs(nonlinear):
     """The functions of the model count, and every substep of the expected step does."""
     flat, _, initial = nonlinear

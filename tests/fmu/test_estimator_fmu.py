@@ -157,9 +157,8 @@ def test_a_step_back_is_an_error(fmus, version):
     importer.fmu.freeInstance()
 
 
-@pytest.mark.parametrize(
-    ("version", "kind"), [("3.0", "ekf"), pytest.param("2.0", "ukf", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow  # in C: test_estimator_c.py
+@pytest.mark.parametrize(("version", "kind"), [("3.0", "ekf"), ("2.0", "ukf")])
 def test_a_nonlinear_filter(tmp_path, version, kind):
     """Of a model with an algebraic loop; missing samples, uneven steps."""
     path = tmp_path / "Diode.mo"

@@ -128,7 +128,11 @@ def test_programs_compute_what_casadi_does():
 
 
 @pytest.mark.parametrize(
-    "name", ["Daest.Effects.Rotational.Backlash", "Daest.Effects.Rotational.LuGreFriction"]
+    "name",
+    [
+        "Daest.Effects.Rotational.Backlash",
+        pytest.param("Daest.Effects.Rotational.LuGreFriction", marks=pytest.mark.slow),
+    ],
 )
 def test_effects_of_another_form_are_refused(name):
     with pytest.raises(ModelError) as caught:

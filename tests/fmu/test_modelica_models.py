@@ -60,6 +60,7 @@ def servo_rate(t, x, p, u):
     return [w1, (p["k"] * current + spring / n) / p["J1"], w2, -spring / p["J2"]]
 
 
+@pytest.mark.slow  # the binary: the test above
 def test_servo_simulates_like_the_hand_written_equations(tmp_path):
     flat = compile_model(ROOT / "examples/servo/Servo.mo")
     export_fmu(flat, tmp_path / "servo.fmu")

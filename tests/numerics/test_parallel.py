@@ -145,6 +145,7 @@ def test_versions_that_differ(cluster, monkeypatch):
     assert caught.value.where.startswith("tcp://")
 
 
+@pytest.mark.slow  # a process: above
 @POSIX
 def test_a_worker_of_the_cluster_that_is_killed_costs_nothing_but_time(cluster):
     killed = []

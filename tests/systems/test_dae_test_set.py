@@ -22,8 +22,10 @@ QUICK = [
     ("VanDerPol", 1e-8, 11),
     ("Orego", 1e-8, 11),
     ("Robertson", 1e-6, 11),
-    ("CarAxis", 1e-6, 11),
-    ("SliderCrank", 1e-6, 401),
+    *(
+        pytest.param(*case, marks=pytest.mark.slow)
+        for case in (("CarAxis", 1e-6, 11), ("SliderCrank", 1e-6, 401))
+    ),
 ]
 
 

@@ -57,7 +57,8 @@ def test_no_chain_that_is_driven_by_states_or_seen_as_two_signals():
     assert twice is None or twice.members.size == 10
 
 
-@pytest.mark.parametrize("name", [pytest.param("Base", marks=pytest.mark.slow), "Accelerated"])
+@pytest.mark.slow  # all states together: below; scipy: test_integrate.py
+@pytest.mark.parametrize("name", ["Base", "Accelerated"])
 def test_states_and_outputs_are_those_of_scipy(name):
     explicit, (time, u) = cart(name), recording(20)
     theta, x0 = explicit.flat.theta_values, start(explicit, u)

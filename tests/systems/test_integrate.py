@@ -119,7 +119,11 @@ ENGINES = {
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name == "one of six" else ()) for name in ENGINES]
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in ("one of six", "two of six") else ())
+        for name in ENGINES
+    ],
 )
 def test_sensitivities_of_outputs_are_finite_differences(name):
     explicit = ENGINES[name]()

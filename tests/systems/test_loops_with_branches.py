@@ -68,7 +68,11 @@ def expected(u: np.ndarray) -> np.ndarray:
     return y
 
 
-@pytest.mark.parametrize("kind", CHANGES)
+# States with events as either alone.
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(kind, marks=pytest.mark.slow if kind == "states and events" else ()) for kind in CHANGES],
+)
 def test_a_trigger_keeps_its_branch_on_either_ramp(kind):
     time, u = triangle()
     found = simulate(trigger(kind), (time, u[:, None]))

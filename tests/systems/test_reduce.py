@@ -220,6 +220,7 @@ def test_linear_loop_is_solved_symbolically_and_right():
     np.testing.assert_allclose(xi[2:], nodes, rtol=1e-11)
 
 
+@pytest.mark.slow  # large models: test_split.py, test_sparse_form.py
 def test_a_thousand_equations():
     explicit = reduce_index(rigid_train(270))
     assert explicit.flat.n == 1080

@@ -38,7 +38,7 @@ def test_model_whose_outputs_are_all_expressions_keeps_them_as_unknowns():
     assert split(dae).n_dynamic == 0
 
 
-@pytest.mark.parametrize("text, curvature", [(GAIN, 0.0), (SQUARE, 0.1)])
+@pytest.mark.parametrize("text, curvature", [pytest.param(GAIN, 0.0, marks=pytest.mark.slow), (SQUARE, 0.1)])
 def test_model_without_states_is_identified_compared_and_filtered(text, curvature):
     """Least squares is the oracle: the errors are white and nothing has a memory."""
     flat, record = compile_text(text, Path("Gain.mo")), recording(curvature)
