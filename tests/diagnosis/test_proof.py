@@ -615,7 +615,10 @@ def test_flexible_part_that_says_no_more_than_a_refused_lag_is_refused(ahead, ve
     assert not found.reason or found.reason == (
         f"{lag.candidate.label} says as much with fewer parameters, but it is short"
     )
-    # One with as few unknowns is no imitation.
+    # One with as few unknowns is no imitation, unless it is play, by which a signal is late as well.
+    play = pairs(some_effects("Play"), sites(model()))[0]
+    late = next(p for p in ranked([replace(rich, candidate=play), lag]) if p.candidate is play)
+    assert late.verdict == verdict
     same = replace(rich, candidate=friction.candidate)
     assert any(p.verdict == "supported" for p in ranked([same, lag]))
 

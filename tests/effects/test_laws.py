@@ -130,14 +130,16 @@ OTHERS: dict[str, tuple[str, Law]] = {
         "y",
         lambda v: (
             v["u"]
-            + ramp(v["u"] - v["x"] - v["width"] / 2, v["u_s"])
-            - ramp(v["u"] - v["x"] + v["width"] / 2, v["u_s"])
+            + ramp(v["z"] - v["width"] / 2, v["u_s"])
+            - ramp(v["z"] + v["width"] / 2, v["u_s"])
             + v["width"] / 2
         ),
     ),
     "MeasuredInput": ("y", lambda v: v["u"] + v["k"] * v["z"]),
     "LearnedCurve": ("y", lambda v: v["u"] + curve(v["u"] / v["u_max"], knots(v, "c"))),
 }
+
+
 LETTERS = (("phi_rel", "s_rel"), ("phi", "s"), ("tau", "f"), ("w", "v"))
 
 

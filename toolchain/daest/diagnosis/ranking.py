@@ -116,19 +116,26 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
 
 
 def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
-    """Laws with states are refused that say no more than a lag or a delay with fewer parameters which is too
-    short to be told from others, or only comes near: a flexible part with three imitates the lag of a
-    sensor."""
+    """Laws with states are refused that say no more than a simpler lag or delay which is too short to be told
+    from others, or only comes near: a flexible part with three parameters imitates the lag of a sensor."""
     lags, result = [p for p in proofs if p.is_any_dynamics or p.comes_near], []
     for proof in proofs:
-        own = len(proof.candidate.estimated)
-        simpler = [p for p in lags if len(p.candidate.estimated) < own]
+        simpler = [p for p in lags if is_simpler(p.candidate, proof.candidate)]
         same = next((p for p in simpler if proof.delta_bic <= p.delta_bic + GATES.same_bic), None)
         if proof.verdict != "rejected" and proof.candidate.effect.n_states and same is not None:
-            reason = f"{same.candidate.label} says as much with fewer parameters, but {same.reason}"
+            fewer = len(same.candidate.estimated) < len(proof.candidate.estimated)
+            how = " with fewer parameters" if fewer else ""
+            reason = f"{same.candidate.label} says as much{how}, but {same.reason}"
             proof = replace(proof, verdict="rejected", reason=reason)
         result.append(proof)
     return result
+
+
+def is_simpler(lag: Candidate, law: Candidate) -> bool:
+    """Whether a lag has fewer parameters than a law, or as many as one by which a signal follows late in
+    another way: play has a width."""
+    few, many = len(lag.estimated), len(law.estimated)
+    return few < many or (few == many and law.is_of_signal and not law.is_dynamic)
 
 
 def _without_hopeless(proofs: Sequence[Proof]) -> list[Proof]:

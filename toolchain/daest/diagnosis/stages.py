@@ -19,7 +19,14 @@ from daest.diagnosis.late_signals import is_late
 from daest.diagnosis.null import Null
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.proof import is_below_null, with_steady_error
-from daest.diagnosis.ranking import best_accepted, could_compete, is_settled, leader_of, ranked
+from daest.diagnosis.ranking import (
+    best_accepted,
+    could_compete,
+    is_settled,
+    is_simpler,
+    leader_of,
+    ranked,
+)
 from daest.diagnosis.rivals import (
     DynamicFits,
     Simulation,
@@ -322,8 +329,8 @@ class Stages:
     def _without_imitations(
         self, search: Search, found: Sequence[InOpenLoop], proofs: Sequence[Proof]
     ) -> list[InOpenLoop]:
-        """What was found in pieces, without clear laws with states that say no more there than a lag with
-        fewer parameters which is too short to be told from others, or only comes near. Such a lag is refused
+        """What was found in pieces, without clear laws with states that say no more there than a simpler lag
+        which is too short to be told from others, or only comes near. Such a lag is refused
         beside loads, and no screen has it: its own simulation in pieces alone compares with that of a law."""
         storing = [one for one in found if one.is_clear and one.prepared.trial.candidate.effect.n_states]
         lags = [p for p in proofs if p.is_any_dynamics or p.comes_near] if storing else []
@@ -363,9 +370,9 @@ def is_same(trial: Trial, candidate: Candidate) -> bool:
 
 
 def _says_as_much(simple: InOpenLoop, other: InOpenLoop) -> bool:
-    """Whether a law with fewer parameters says as much in pieces as another one."""
-    few, many = (len(one.prepared.trial.candidate.estimated) for one in (simple, other))
-    return few < many and other.bic <= simple.bic + GATES.same_bic
+    """Whether a law that is simpler says as much in pieces as another one."""
+    few, many = (one.prepared.trial.candidate for one in (simple, other))
+    return is_simpler(few, many) and other.bic <= simple.bic + GATES.same_bic
 
 
 def _as_refitted(null: Null, proof: Proof) -> Prepared:
