@@ -152,10 +152,11 @@ def test_equivalent_places_are_told():
 @pytest.mark.parametrize(
     ("domain", "told"), [("thermal", "temperature"), ("electrical", "voltage"), ("signal", "one by one")]
 )
-def test_experiment_that_separates_places_measures_what_there_is_to_measure(domain, told):
+@pytest.mark.parametrize("other", ["b", "a, b"])
+def test_experiment_that_separates_places_measures_what_there_is_to_measure(domain, told, other):
     apart = [
         replace(p, candidate=replace(p.candidate, site=replace(p.candidate.site, name=name, domain=domain)))
-        for p, name in ((proof(), "a"), (proof("QuadraticDrag"), "b"))
+        for p, name in ((proof(), "a"), (proof("QuadraticDrag"), other))
     ]
     found = decide(evidence(proofs=tuple(apart)))
     assert (

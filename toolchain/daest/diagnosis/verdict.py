@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Protocol
 
 import numpy as np
@@ -487,7 +488,9 @@ def _cannot_tell(evidence: Evidence, accepted: Sequence[Proof]) -> Decided:
 def _to_tell_places(accepted: Sequence[Proof]) -> str:
     """The measurement that tells laws at several places apart: of quantities of their domains; of sensors and
     actuators alone, that each is tried by itself."""
-    places = _listed(tuple(dict.fromkeys(p.candidate.site.name for p in accepted)))
+    # A place between two others is called by both, of which another law may sit at one.
+    ends = chain.from_iterable(p.candidate.site.name.split(", ") for p in accepted)
+    places = _listed(tuple(dict.fromkeys(ends)))
     domains = dict.fromkeys(p.candidate.site.domain for p in accepted)
     known = [MEASURED[domain] for domain in domains if domain in MEASURED]
     if not known:
