@@ -7,7 +7,7 @@ from dae_models import FlatBuilder, cubic_loop, pendulum, rc_pair, servo
 from scipy.optimize import brentq
 
 from daest.errors import ModelError
-from daest.systems.initialize import initial_point
+from daest.systems.initialize import begun_beside, initial_point
 from daest.systems.reduce import reduce_index
 
 
@@ -33,6 +33,21 @@ def test_initial_equations_ask_for_the_steady_state():
     x0, xi0 = initial_point(reduce_index(b.build()), u0=np.array([12.0]))
     np.testing.assert_allclose(xi0, [2.0, 4.0], rtol=1e-12)
     np.testing.assert_allclose(x0, [2.0], rtol=1e-12)
+
+
+def test_states_of_an_effect_begin_beside_a_recording_that_contradicts_the_model():
+    b = FlatBuilder("Room")
+    u, G = b.input("u"), b.parameter("G", 0.0)
+    T, wall = b.unknown("T", start=280.0), b.unknown("wall")
+    b.equation("der(T) = u - G*(T - wall)", b.der("T"), u - G * (T - wall))
+    b.equation("der(wall) = T - wall", b.der("wall"), T - wall)
+    b.initial_equation("der(T) = 0", b.der("T"))
+    b.initial_equation("wall = 0.75*T + 0.25*u", wall, 0.75 * T + 0.25 * u)
+    b.output("y", T)
+    explicit = reduce_index(b.build())
+    row = explicit.state_names.index("wall")
+    begun = begun_beside(explicit, [row], np.full(2, 300.0), np.array([40.0]), np.zeros(0))
+    np.testing.assert_allclose(begun, [235.0], rtol=1e-12)
 
 
 def test_start_of_an_alias_counts_with_its_sign():

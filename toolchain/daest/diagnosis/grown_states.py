@@ -19,11 +19,11 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import expm
 
-from daest.errors import EstimationError, ModelError
+from daest.errors import EstimationError
 from daest.model.flat import ExplicitModel
 from daest.numerics.evaluator import along
 from daest.numerics.recursions import linear_recursion
-from daest.systems.initialize import initial_point
+from daest.systems.initialize import begun_beside
 
 STEP_DECIMALS = 9  # of a step in the usual one, to which steps are the same
 Inputs = tuple[np.ndarray, np.ndarray]  # u (n_u, n_samples) and v (n_v, n_samples)
@@ -64,7 +64,8 @@ def with_integrals(
         return states
     result = states.copy()
     result[:, rows] = 0.0
-    starts = _starts(explicit, rows, result[0], inputs)
+    u, v = (part[:, 0] for part in inputs)
+    starts = begun_beside(explicit, rows, result[0], u, v)
     arguments, rates, slopes = _rates_among(explicit, rows)
     law = ca.Function("rates", arguments, [ca.densify(part) for part in (rates, ca.diag(slopes))])
     w = np.zeros(explicit.rhs.numel_in(3))
@@ -77,19 +78,6 @@ def with_integrals(
         B = np.array(among(*(np.zeros(argument.numel()) for argument in arguments)))
         result[:, [rows[i] for i in together]] = _linear_motion(time, a[together], B, starts[together])
     return result
-
-
-def _starts(explicit: ExplicitModel, rows: list[int], states: np.ndarray, inputs: Inputs) -> np.ndarray:
-    """Initial values (n_rows,) of the states `rows` by the initial equations that effects bring, beside the
-    other `states` (n,); zeros where there are none, or they contradict these."""
-    zeros = np.zeros(len(rows))
-    if not explicit.flat.initial_equations:
-        return zeros
-    given = {name: states[i] for i, name in enumerate(explicit.state_names) if i not in rows}
-    u, v = (part[:, 0] for part in inputs)
-    with suppress(ModelError):
-        return initial_point(explicit, u0=u, v0=v, given=given)[0][rows]
-    return zeros
 
 
 def _integrals(time: np.ndarray, a: np.ndarray, b: np.ndarray, starts: np.ndarray) -> np.ndarray:

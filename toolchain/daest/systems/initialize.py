@@ -79,6 +79,22 @@ def _of_equations(
             raise _no_solution(explicit.state_names, x) from error
 
 
+def begun_beside(
+    explicit: ExplicitModel, rows: Sequence[int], states: np.ndarray, u: np.ndarray, v: np.ndarray
+) -> np.ndarray:
+    """Initial values (n_rows,) of the states `rows`, which the initial equations are affine in, beside the
+    other `states` (n,), by those conditions alone that move with them; zeros where there are none."""
+    if not explicit.flat.initial_equations:
+        return np.zeros(len(rows))
+    arguments = start_arguments(explicit, None, u, v, 0.0)
+    x = states.copy()
+    x[rows] = 0.0
+    with native_silence():
+        residual, slopes = _evaluate(_conditions(explicit, {}, arguments), x)
+    asks = np.any(slopes[:, rows] != 0.0, axis=1) & np.isfinite(residual)
+    return np.linalg.lstsq(slopes[np.ix_(asks, rows)], -residual[asks], rcond=None)[0]
+
+
 def _no_solution(names: Sequence[str], x: np.ndarray) -> ModelError:
     """The loops of equations inside the model were not solved with the states x."""
     states = ", ".join(f"{n} = {v:g}" for n, v in zip(names, x, strict=True))
