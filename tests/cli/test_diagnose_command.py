@@ -70,13 +70,14 @@ def test_hidden_friction_is_found_and_written(cart, daest):
     for name, parameter in best["model_parameters"].items():
         assert values[name] == pytest.approx(parameter["value"], rel=1e-7)
 
-    # daest extend knows the size, also at a place that the sensors see alike; what is set goes before.
+    # daest extend knows size and form, also at a place that the sensors see alike; what is set goes before.
     for arguments, expected in ((), size["value"]), (("--set", "f_c=3"), 3.0):
         at = ("--effect", "CoulombFriction", "--at", "spring", *arguments, "-o", "Own.mo")
         code, _, err = daest("extend", "Cart.mo", *at)
         assert code == 0 and "sizes as in" in err
         values = {p.name: p.value for p in compile_model(cart / "Own.mo").parameters}
         assert values["coulombFriction.f_c"] == pytest.approx(expected, rel=1e-7)
+        assert values["coulombFriction.v_s"] == pytest.approx(best["settings"]["v_s"], rel=1e-4)
 
     # The same as text, from the fits that are kept.
     code, out, _ = daest("diagnose", "rub.csv", "--model", "Cart.mo", "--hold", "zoh", *COULOMB)

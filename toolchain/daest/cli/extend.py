@@ -127,7 +127,8 @@ def command(
 
 
 def _diagnosed(project: Project, flat: Model, effect: Effect, site: Site) -> dict[str, float]:
-    """The effect's parameters as the diagnosis of this model has found them there; none where it has not."""
+    """The effect's parameters as the diagnosis of this model has found them there, its form included;
+    none where it has not."""
     path = project.results / DIAGNOSIS
     if not path.is_file():
         return {}
@@ -142,9 +143,10 @@ def _diagnosed(project: Project, flat: Model, effect: Effect, site: Site) -> dic
         if found.get("class") != effect.class_name or not places & there:
             continue
         known = {p.name for p in effect.parameters}
-        values = {name: p["value"] for name, p in found["parameters"].items() if name in known}
-        note(f"sizes as in {path}: {', '.join(f'{name} = {value:.4g}' for name, value in values.items())}")
-        return values
+        sizes = {name: p["value"] for name, p in found["parameters"].items() if name in known}
+        note(f"sizes as in {path}: {', '.join(f'{name} = {value:.4g}' for name, value in sizes.items())}")
+        form = {name: value for name, value in found.get("settings", {}).items() if name in known}
+        return {**form, **sizes}
     return {}
 
 
