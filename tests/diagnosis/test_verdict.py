@@ -13,7 +13,7 @@ from daest.diagnosis.candidates import pairs
 from daest.diagnosis.coloured import Residual
 from daest.diagnosis.holds import says_as_much
 from daest.diagnosis.reasons import unmoved
-from daest.diagnosis.verdict import AT_ONCE, MOVING, RECORDED, Evidence, Loads, decide
+from daest.diagnosis.verdict import AT_ONCE, MOVING, RECORDED, Evidence, Loads, beside_value, decide
 from daest.model.diagnosis import Ahead, FreeForm, InUse, Load, PlaceGain, Proof, Screen, Screened, Unproved
 from daest.model.fit import Agreement, FittedParameter
 from daest.modelica.sites import sites
@@ -84,6 +84,28 @@ def test_bent_sensor_that_a_bent_machine_equals_is_not_told_from_it():
     assert second.verdict == "rejected"
     others = [replace(proof(), inside=inside), proof("QuadraticDrag")]
     assert inside in decide(evidence(proofs=others)).message
+
+
+def test_law_is_no_claim_beside_a_given_value_of_which_another_says_as_much():
+    known = evidence(proofs=[proof(), proof("QuadraticDrag", "rejected")])
+    value = "`J`, 0.5 ± 0.01 kg.m2 instead of the 0.4 kg.m2 that is given"
+    found = beside_value(known, decide(known), known.proofs[0], "J", value)
+    assert found.name == "cannot tell" and "`J`" in found.next_experiment
+    assert found.message.startswith(
+        "CoulombFriction at rotor.flange_a would do (tau_c = 0.15 ± 0.01 N.m), but "
+    )
+    assert f"another value of {value}, says as much: estimate it (--estimate J)" in found.message
+    assert "phi 1 -> 0.1" in found.message
+    first, second = found.proofs
+    assert first.verdict == "not separable" and first.not_separable_from == (f"another value of {value}",)
+    assert second is known.proofs[1]
+
+
+def test_one_of_several_laws_beside_such_a_value_keeps_the_others():
+    known = evidence(proofs=[proof(), proof("QuadraticDrag")])
+    found = beside_value(known, decide(known), known.proofs[0], "J", "`J`, 0.5")
+    assert found.name == "cannot tell" and "QuadraticDrag" in found.message
+    assert "Another value of `J`, 0.5, says as much" in found.message
 
 
 def untried(score, p_value=1e-9):

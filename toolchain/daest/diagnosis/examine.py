@@ -137,7 +137,7 @@ def _examined(
         proofs, is_in_time = course.in_pieces(proofs)
         is_whole = is_whole and is_in_time
         decided = verdicts.decide(replace(evidence, proofs=proofs))
-    decided, beside_values = _with_values(stand, run, decided, options, progress)
+    decided, beside_values = _with_values(stand, run, evidence, decided, options, progress)
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
     message += beside_values
     if decided.name not in ("supported", "nothing missing"):
@@ -214,10 +214,15 @@ def _quiet_forms(null: Null, run: NullObserver) -> tuple[FreeForm, ...]:
 
 
 def _with_values(
-    stand: Stand, run: NullObserver, decided: verdicts.Decided, options: DiagnoseOptions, progress: Progress
+    stand: Stand,
+    run: NullObserver,
+    evidence: verdicts.Evidence,
+    decided: verdicts.Decided,
+    options: DiagnoseOptions,
+    progress: Progress,
 ) -> tuple[verdicts.Decided, str]:
-    """What was decided, and a sentence on a value that the model holds, of which another one says as much as
-    the law that was found, or comes near where none was; empty where none does."""
+    """What is decided beside the value that the model holds of which another one says most, and a sentence on
+    one that comes near where no law was found; empty where none does."""
     if decided.name in ("nothing missing", "parameters off") or options.is_over:
         return decided, ""
     progress("estimating what the model holds")
@@ -236,9 +241,7 @@ def _with_values(
         return _by_value(decided, law, other), ""
     if not other.says_as_much_as(law, law_ratios):
         return decided, ""
-    told = replace(law, instead=other.text)
-    decided = replace(decided, proofs=tuple(told if p is law else p for p in decided.proofs))
-    return decided, f" Another value of {other.text}, says as much: {advice} before an effect is believed."
+    return verdicts.beside_value(evidence, decided, law, other.parameter.name, other.text), ""
 
 
 def _by_value(decided: verdicts.Decided, law: Proof, other: OtherValue) -> verdicts.Decided:

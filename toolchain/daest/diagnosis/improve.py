@@ -358,8 +358,7 @@ def _remark(proof: Proof) -> str:
     inside = [proof.inside] if proof.inside and proof.inside not in proof.not_separable_from else []
     others, same = ", ".join([*proof.not_separable_from, *inside]), ", ".join(proof.same_as)
     said = f"not separable from {others}" if others else "supported"
-    said = f"{said}, and the same equation as {same}" if same else said
-    return f"{said}; another value of {proof.instead}, says as much" if proof.instead else said
+    return f"{said}, and the same equation as {same}" if same else said
 
 
 def _noted(path: _Path, grown: _Path) -> _Path:

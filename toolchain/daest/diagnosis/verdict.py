@@ -262,6 +262,20 @@ def _as_well_inside(evidence: Evidence, proof: Proof) -> Decided | None:
     return replace(decided, message=decided.message + told)
 
 
+def beside_value(evidence: Evidence, decided: Decided, law: Proof, name: str, value: str) -> Decided:
+    """What was `decided`, where another `value` of the parameter `name`, which the model holds, says as much
+    as an accepted law: that value makes no claim of a law."""
+    other = f"another value of {value}"
+    told = replace(law, verdict="not separable", not_separable_from=(*law.not_separable_from, other))
+    proofs = tuple(told if p is law else p for p in decided.proofs)
+    says = f"{other}, says as much: estimate it (--estimate {name}) before an effect is believed."
+    if decided.name != "supported":
+        message = f"{decided.message} {says[0].upper()}{says[1:]}"
+        return replace(decided, message=message, proofs=proofs)
+    message = f"{law.candidate.label} would do ({told_values(law)}), but {says}" + _told_of(evidence, law)
+    return Decided("cannot tell", message, f"Measure `{name}` by itself, which settles it.", proofs)
+
+
 def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
     short = [p for p in evidence.proofs if p.is_any_dynamics]
     form = loads.form
@@ -384,7 +398,12 @@ def _no_law(evidence: Evidence, loads: Loads, form: FreeForm) -> Decided:
 
 
 def _supported(evidence: Evidence, proof: Proof) -> str:
-    text = f"{proof.candidate.label}: {told_values(proof)}; supported."
+    return f"{proof.candidate.label}: {told_values(proof)}; supported." + _told_of(evidence, proof)
+
+
+def _told_of(evidence: Evidence, proof: Proof) -> str:
+    """What is to be said of a law beside its values."""
+    text = ""
     if proof.equivalent:
         text += f" The sensors cannot tell it from the same effect at {_listed(proof.equivalent)}."
     if proof.same_as:

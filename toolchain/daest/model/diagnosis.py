@@ -332,7 +332,6 @@ class Proof:
     same_as: tuple[str, ...] = ()  # other laws that are the same equation on these recordings
     inside: str = ""  # of a sensor: what in the machine is the same equation on these recordings
     steady_error: float | None = None
-    instead: str = ""  # what the model holds of which another value says as much, with both values
 
     @property
     def sizes(self) -> tuple[float, ...]:

@@ -6,7 +6,7 @@ block Play "The signal follows only after a width has been passed"
   parameter SI.Time T(min = 1e-12) = 1e-3 "Time in which the follower is pushed along"
     annotation(__Daest(role = "shape", of = "time", grid = {0.0004}));
   parameter Real u_s(min = 1e-12) = 1e-3 "Range over which the kinks are rounded"
-    annotation(__Daest(role = "sharpness", of = "u", grid = {0.001}, unit = "u"));
+    annotation(__Daest(role = "sharpness", of = "u", grid = {0.0002}, unit = "u"));
   Real x(start = 0, stateSelect = StateSelect.prefer) "Follower";
   Real z "How far the signal is ahead of it";
 initial equation
