@@ -10,7 +10,7 @@ from nonlinear_models import experiment_of, oscillator
 from daest.estimation.coordinates import Unknowns, objective, parameter_coordinate
 from daest.estimation.gain_family import Levels, gain_family
 from daest.estimation.noise_levels import average_along
-from daest.estimation.observer import observer
+from daest.estimation.observer import AverageModel, observer
 from daest.estimation.trajectories import TrajectoryProblem
 from daest.systems.integrate import integrate, integrator
 from daest.systems.integration import Correction
@@ -54,6 +54,17 @@ def test_gains_and_their_slopes(case):
     for i, step in enumerate(1e-4 * np.eye(2)):
         change = (family.at(logs + step).gain - family.at(logs - step).gain) / 2e-4
         np.testing.assert_allclose(slopes[i], change, rtol=1e-5, atol=1e-9)
+
+
+def test_slopes_of_gains_beside_a_state_that_no_noise_reaches():
+    """The charge of a cell beside a polarisation: nothing of it settles."""
+    A, G, C = np.diag([0.0, -0.2]), np.array([[0.0], [1.0]]), np.array([[1.0, -1.0]])
+    levels = Levels(np.array([0.3]), np.array([0.1]))
+    family = gain_family(AverageModel(A, G, C, 0.1), levels, np.arange(1), np.arange(1))
+    slopes = family.slopes(np.zeros(2), family.at(np.zeros(2)))
+    for i, step in enumerate(1e-4 * np.eye(2)):
+        change = (family.at(step).gain - family.at(-step).gain) / 2e-4
+        np.testing.assert_allclose(slopes[i], change, rtol=1e-5, atol=1e-12)
 
 
 def test_the_objective_has_exact_slopes_over_parameters_states_and_levels(case):

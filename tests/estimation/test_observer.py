@@ -76,11 +76,23 @@ def test_gain_depends_on_the_ratio_of_the_noises_only():
     assert 10 * one.innovation_cov == pytest.approx(ten.innovation_cov, rel=1e-9)
 
 
-def test_integrator_without_noise_has_no_gain():
-    """A mode that does not die out and that nothing drives has no stationary gain."""
-    model = AverageModel(np.zeros((1, 1)), np.ones((1, 1)), np.eye(1), 0.1)
-    assert observer(model, np.array([0.0]), np.array([0.1])) is None
-    assert observer(model, np.array([1e-6]), np.array([0.1])) is not None
+def test_integrator_without_noise_is_known_beside_what_noise_drives():
+    """The charge of a cell, whose start is estimated, and a polarisation that a load drives."""
+    A, noisy = np.diag([0.0, -0.2]), np.array([[0.0], [1.0]])
+    found = observer(AverageModel(A, noisy, np.array([[1.0, -1.0]]), 0.1), np.array([0.3]), np.array([0.1]))
+    alone = observer(
+        AverageModel(A[1:, 1:], noisy[1:], np.array([[-1.0]]), 0.1), np.array([0.3]), np.array([0.1])
+    )
+    np.testing.assert_allclose(found.gain, np.vstack([[[0.0]], alone.gain]), rtol=1e-10)
+    np.testing.assert_allclose(found.innovation_cov, alone.innovation_cov, rtol=1e-10)
+    still = observer(AverageModel(np.zeros((1, 1)), np.ones((1, 1)), np.eye(1), 0.1), np.zeros(1), np.ones(1))
+    np.testing.assert_array_equal(still.gain, 0.0)
+
+
+def test_mode_that_grows_without_noise_is_held():
+    growing = AverageModel(np.array([[0.5]]), np.ones((1, 1)), np.eye(1), 0.1)
+    held = observer(growing, np.zeros(1), np.array([0.1]))
+    assert abs(np.exp(0.05) * (1.0 - held.gain[0, 0])) == pytest.approx(np.exp(-0.05))
 
 
 def test_infinite_jacobian_has_no_gain():

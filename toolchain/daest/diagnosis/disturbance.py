@@ -11,7 +11,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.screen import RTOL, NullObserver
 from daest.estimation.observer import observer, sampled_average
-from daest.estimation.stationary import try_stationary_filter
+from daest.estimation.stationary import known_filter
 from daest.model.diagnosis import PlaceGain
 from daest.numerics.recursions import linear_recursion
 from daest.systems.integrate import Integrator, integrate, integrator
@@ -88,7 +88,7 @@ def smoothed_at(null: Null, run: NullObserver, index: int, experiment: int = 0) 
     if not run.is_optimal:
         return None
     model = sampled_average(run.average, null.intensity, null.measurement_std)
-    found = try_stationary_filter(model)
+    found = known_filter(model)
     if found is None:
         return None
     observed = run.observed[experiment]

@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from daest.estimation.stationary import try_stationary_filter
+from daest.estimation.stationary import known_filter
 from daest.model.flat import Dynamics
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.riccati import forgetting
@@ -108,7 +108,7 @@ def observer(model: AverageModel, intensity: np.ndarray, measurement_std: np.nda
 
 def observer_of(sampled: DiscreteModel) -> Observer | None:
     """The stationary gain of a sampled model; None where none exists."""
-    found = try_stationary_filter(sampled)
+    found = known_filter(sampled)
     if found is None:
         return None
     # The predictor gain is Φ times the gain that corrects the state at the sample itself.

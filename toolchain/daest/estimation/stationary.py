@@ -13,10 +13,12 @@ from daest.numerics.exponential import balanced
 from daest.numerics.gaussian import FREE_TOLERANCE
 from daest.numerics.riccati import (
     UNDAMPED_MARGIN,
+    NoiseModel,
     filter_riccati,
     forgetting,
     hidden_basis,
     predictor_gain,
+    stationary_gains,
     undamped_modes,
     unobservable_subspace,
 )
@@ -68,6 +70,27 @@ def try_stationary_filter(model: DiscreteModel) -> StationaryFilter | None:
         return None
     gain, S = predictor_gain(P, *arrays)
     return StationaryFilter(gain, P, S, model.transition - gain @ model.output)
+
+
+def known_filter(model: DiscreteModel) -> StationaryFilter | None:
+    """As `try_stationary_filter`, and where modes that no noise drives neither die out nor grow, such as the
+    charge of a cell, the filter that knows them: their start, which is estimated, settles them for all time.
+    """
+    found = try_stationary_filter(model)
+    if found is not None or not _undriven_modes(model).shape[1]:
+        return found
+    _, hidden = unobservable_subspace(model.transition, model.output)
+    if undamped_modes(model.transition, hidden, UNDAMPED_MARGIN)[0].size:
+        return None
+    noise = NoiseModel(
+        model.transition, model.output, model.process_cov, model.measurement_cov, model.cross_cov
+    )
+    gains = stationary_gains(noise)
+    if gains is None:
+        return None
+    closed = model.transition - gains.K @ model.output
+    grows = np.max(np.abs(np.linalg.eigvals(closed))) > 1.0 + UNDAMPED_MARGIN
+    return None if grows else StationaryFilter(gains.K, gains.P, gains.S, closed)
 
 
 def unobservable_message(model: DiscreteModel, names: tuple[str, ...]) -> str:
