@@ -47,7 +47,7 @@ def proof(name="CoulombFriction", verdict="supported", simulated=0.1):
 
 def evidence(
     *, proofs=(), p_value=1e-6, gain=100.0, size=0.1, simulated=1.0, innovations=WHITE, related=False,
-    parameters=(), fitted=None,
+    parameters=(), fitted=None, observer=1.0,
 ):  # fmt: skip
     entry = Screened(candidate("CoulombFriction"), 6.0, (0.1,), p_value, False, 0.02)
     load = Load("load_1", "rotor.flange_a", ("rotor.flange_a",), 1.0, size, "N.m")
@@ -58,8 +58,12 @@ def evidence(
     )  # fmt: skip
     loads = Loads(
         model(),
-        SimpleNamespace(loads=(load,), experiments=(SimpleNamespace(outputs=np.arange(900.0)[:, None]),)),
-        SimpleNamespace(observed=(SimpleNamespace(whitened=innovations),)),
+        SimpleNamespace(
+            loads=(load,),
+            experiments=(SimpleNamespace(outputs=np.arange(900.0)[:, None]),),
+            intensity=np.ones(1),
+        ),
+        SimpleNamespace(observed=(SimpleNamespace(whitened=innovations),), gain=observer * np.ones((1, 1))),
         (PlaceGain(("rotor.flange_a", "bearing"), gain, size, "N.m"),),
         form,
     )
@@ -106,6 +110,13 @@ def test_one_of_several_laws_beside_such_a_value_keeps_the_others():
     found = beside_value(known, decide(known), known.proofs[0], "J", "`J`, 0.5")
     assert found.name == "cannot tell" and "QuadraticDrag" in found.message
     assert "Another value of `J`, 0.5, says as much" in found.message
+
+
+def test_loads_that_no_observer_follows_are_not_nothing():
+    assert decide(evidence(p_value=0.5, gain=0.0, innovations=COLOURED)).name == "nothing missing"
+    assert decide(evidence(p_value=0.5, gain=0.0, observer=0.0)).name == "nothing missing"
+    found = decide(evidence(p_value=0.5, gain=0.0, innovations=COLOURED, observer=0.0))
+    assert found.name == "unknown effect" and found.is_by_colour
 
 
 def untried(score, p_value=1e-9):

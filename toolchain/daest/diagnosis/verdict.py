@@ -101,10 +101,17 @@ class Loads:
     def is_silent(self, evidence: Evidence) -> bool:
         """Whether nothing is left to explain but how the recording begins."""
         return _simulates_to_noise(evidence, self) or (
-            evidence.screen.p_value > GATES.missing_level
+            not self._is_unobserved
+            and evidence.screen.p_value > GATES.missing_level
             and not self.is_related
             and not _has_unexpected_load(self)
         )
+
+    @property
+    def _is_unobserved(self) -> bool:
+        """Whether loads act that no observer follows, and what they do is left in what the screen saw."""
+        is_followed = bool(np.any(self.run.gain)) or not np.any(self.null.intensity)
+        return not is_followed and _is_coloured(self)
 
     def verdict(self, evidence: Evidence) -> Decided:
         if self.starts and self.is_silent(evidence):
