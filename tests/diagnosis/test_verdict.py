@@ -119,6 +119,15 @@ def test_loads_that_no_observer_follows_are_not_nothing():
     assert found.name == "unknown effect" and found.is_by_colour
 
 
+def test_what_a_simulation_leaves_is_told_where_it_is_many_times_the_noise():
+    said = "leaves of phi is 4 times its error one sample ahead: something else is missing, or acts besides."
+    known = evidence(proofs=[proof(simulated=2.0)], simulated=9.0)
+    assert said in decide(known).message
+    assert said not in decide(evidence(proofs=[proof(simulated=1.0)], simulated=9.0)).message
+    adding = replace(known, proofs=(replace(known.proofs[0], adds_up=True),))
+    assert said not in decide(adding).message
+
+
 def untried(score, p_value=1e-9):
     return Unproved(
         candidate("QuadraticDrag"), (), score, p_value, (0.1,), "it could not be refitted: too stiff", True

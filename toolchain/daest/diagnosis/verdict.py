@@ -418,7 +418,8 @@ def _told_of(evidence: Evidence, proof: Proof) -> str:
     if proof.left is not None and is_significant(proof.left, proof.delta_log_likelihood):
         text += f" Something else is missing besides: what is left follows {proof.left.label}."
     ratio = _error_ratio(evidence, proof)
-    told = _errors(evidence, proof) + _importance(evidence, proof) + _certainty(evidence, proof)
+    told = _errors(evidence, proof) + _importance(evidence, proof) + _left_over(evidence, proof)
+    told += _certainty(evidence, proof)
     return text + told + foreseen_by(evidence, proof, GATES.max_told_ratio * min(ratio, 1.0))
 
 
@@ -443,6 +444,24 @@ def _importance(evidence: Evidence, proof: Proof) -> str:
         text += f" The error of the whole simulation gets {ratio:.3g} times larger"
         text += ": nothing holds what is measured, so that it adds up." if proof.adds_up else "."
     return text
+
+
+def _left_over(evidence: Evidence, proof: Proof) -> str:
+    """A sentence on the output of which a simulation with the effect leaves most, beside its noise; empty
+    where it leaves little more, or its errors add up."""
+    after = _told(evidence, proof)[1]
+    noise, simulated = (
+        {name: rms for name, rms in found["validation"].rms.items() if rms} if "validation" in found else {}
+        for found in (after.one_step, after.simulated)
+    )
+    ratios = {name: simulated[name] / noise[name] for name in simulated if name in noise}
+    name = max(ratios, key=ratios.__getitem__, default="")
+    if proof.adds_up or not name or ratios[name] < GATES.told_rest:
+        return ""
+    return (
+        f" What a simulation leaves of {name} is {ratios[name]:.2g} times its error one sample ahead: "
+        "something else is missing, or acts besides."
+    )
 
 
 def nearest_in_pieces(proofs: Sequence[Proof]) -> str:

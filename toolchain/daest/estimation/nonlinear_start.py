@@ -27,6 +27,8 @@ FIRST_LENGTH = 500  # samples of the fit that finds the initial state before the
 GROWN_LENGTHS = (50, 150)  # over which it is looked for before, for a second search of that fit
 SHORT_LENGTH = 100  # samples that also must show a direction as flat before it is called unidentifiable
 INITIAL_ITERATIONS = 15
+MEASURED_LENGTHS = (2, 10, 50)  # samples that are to show the initial states
+MEASURED_STEPS = 6  # towards what they show
 SIZES = 10.0 ** -np.arange(1.0, 10.0)  # of effects, relative to where they stand
 HOLD_ITERATIONS = 6
 
@@ -157,9 +159,9 @@ def fit_initial_states(
     """z with the initial states within bounds that fit the first samples best, parameters held: each search
     ends where a step would gain less than `enough` in log-likelihood.
 
-    They are looked for at once and over windows that grow. Over a long one the start of an arm that turns
-    over may end whole turns away from what was measured: over a short one it cannot. Shapes: z, lower and
-    upper (n_z,).
+    They are looked for at once and over windows that grow, from where the first samples lead if the model
+    fits better there. Over a long one the start of an arm that turns over may end whole turns away from what
+    was measured: over a short one it cannot. Shapes: z, lower and upper (n_z,).
     """
     n = len(problem.unknowns.coordinates)
 
@@ -169,7 +171,7 @@ def fit_initial_states(
         return minimise(objective(short), states, lower[n:], upper[n:], INITIAL_ITERATIONS, enough)
 
     longest = max(e.n_samples for e in problem.experiments)
-    states = z[n:]
+    states = _likelier(problem, z, as_measured(problem, z, lower, upper))
     ends = [found_over(FIRST_LENGTH, states)]
     grown_lengths = [length for length in GROWN_LENGTHS if length < longest]
     for length in grown_lengths:
@@ -180,6 +182,61 @@ def fit_initial_states(
     found = [end for end in ends if end is not None]
     best = min(found, key=lambda end: end.evaluation.value, default=None)
     return z if best is None else np.concatenate([z[:n], best.z])
+
+
+def as_measured(
+    problem: TrajectoryProblem, z: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> np.ndarray:
+    """Initial states within bounds that the first samples of each experiment show, those that these do not
+    show as in z: of one sample, then of windows that grow, every output in its own size. Shapes: z, lower and
+    upper (n_z,); the initial states (n_experiments * n_states,), in the scales of the problem."""
+    n = len(problem.unknowns.coordinates)
+    states = z[n:]
+    for length in MEASURED_LENGTHS:
+        heads = tuple(part_of(e, 0, length) for e in problem.experiments)
+        short = replace(problem, experiments=heads).held_at(z)
+        states = _nearest(short, problem.output_sizes, states, lower[n:], upper[n:])
+    return states
+
+
+def _nearest(
+    problem: TrajectoryProblem, sizes: np.ndarray, states: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> np.ndarray:
+    """The end of Newton steps of the shortest way from the initial `states` of a problem without other
+    unknowns, while they halve the error in `sizes` of the outputs. Shapes: sizes (n_y,), all others
+    (n_experiments * n_states,)."""
+    is_free = (lower < upper).reshape(len(problem.experiments), -1)
+    begun, least = states, np.inf
+    for _ in range(MEASURED_STEPS):
+        try:
+            made = integrated(problem, states, True)
+        except IntegrationError:
+            break
+        pairs = zip(problem.experiments, made, strict=True)
+        errors = [np.nan_to_num((e.outputs - t.outputs) / sizes).ravel() for e, t in pairs]
+        size = float(np.linalg.norm(np.concatenate(errors)))
+        if not size <= 0.5 * least:
+            break
+        begun, least = states, size
+        steps = []
+        for run, free, error in zip(made, is_free, errors, strict=True):
+            slopes = run.sensitivities * problem.state_scale / sizes[:, None] * free
+            steps.append(np.linalg.lstsq(slopes.reshape(error.size, -1), error, rcond=FIT.shown_at_once)[0])
+        states = np.clip(states + np.concatenate(steps), lower, upper)
+    return begun
+
+
+def _likelier(problem: TrajectoryProblem, z: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """The initial states or those of z (n_z,), whichever make the first samples likelier; both
+    (n_experiments * n_states,)."""
+    given = z[len(problem.unknowns.coordinates) :]
+    if states is given:
+        return given
+    heads = tuple(part_of(e, 0, FIRST_LENGTH) for e in problem.experiments)
+    likelihood = objective(replace(problem, experiments=heads).held_at(z))
+    here, there = (likelihood(start, False) for start in (given, states))
+    is_likelier = there is not None and (here is None or there.value < here.value)
+    return states if is_likelier else given
 
 
 def begun_best(
