@@ -1570,3 +1570,21 @@ def test_dead_time_begins_with_no_more_than_went_into_it_before(samples, free):
     )
     judge = proving._Judge(null, null.fit, found, (), None, None, 1, None, None, None)
     assert judge.n_own == free
+
+
+@pytest.mark.parametrize(
+    ("adds_up", "ratio", "is_refused"), [(True, 0.1, False), (True, 0.5, True), (False, 0.1, True)]
+)
+def test_law_of_nearly_all_errors_that_add_up_is_no_other(monkeypatch, adds_up, ratio, is_refused):
+    """The areas of a piston before a position that nothing holds: unknown loads do the same, and a short lag
+    that is missing besides says more than the law does beside them."""
+    prepared, proof = proved()
+    monkeypatch.setattr(proving, "wrong_law", lambda *_: "another law acts there")
+    found = SimpleNamespace(prepared=prepared, gain=20.0)
+    reference = SimpleNamespace(adds_up=adds_up)
+    judge = proving._Judge(None, None, found, (), None, None, 1, None, None, reference)
+    judge.__dict__["explained"] = 0.2
+    told = proving._Told("", proof.fit, ratios=(ratio,), is_told=True)
+    points = np.zeros(2)
+    left = FreeForm(0, "rotor.flange", "rotor.w", "", "N.m", "rad/s", 64.0, 4, 1e-5, points, points, points)
+    assert bool(judge._against_rest(told, left)[0]) == is_refused
