@@ -208,3 +208,10 @@ def test_what_cannot_be_written_has_a_reason(tmp_path):
     form = replace(refitted().form, place="somewhere.flange")
     written = written_load(MODELS / "Rotor.mo", None, replace(refitted(), form=form))
     assert written.text is None and "a load at `somewhere.flange` cannot be written" in written.reason
+
+
+def test_load_over_a_speed_that_held_inputs_do_not_have_is_not_built_in():
+    """The other hold is tried beside a curve over the slope of an input, of which a held one has none."""
+    stand, run, form = bumpy()
+    sloped = replace(form, sign_of="actuator.v")
+    assert learned_load(stand.null, run, stand.baseline, sloped, stand.validation) is None

@@ -395,7 +395,7 @@ def test_bend_far_from_zero_that_the_recordings_show_straight_is_a_gain(name, va
         ("QuadraticGain", {"a": -0.05}, True),
         ("QuadraticGain", {"a": -3.0}, False),  # reads less where there is more
         ("Saturation", {"share": 0.5, "limit": 0.3}, True),
-        ("Saturation", {"share": 1.0, "limit": 0.3}, False),  # tells nothing beyond
+        ("Saturation", {"share": 1.0, "limit": 0.3}, True),  # its readings go on beyond
         ("DeadZone", {"width": 0.4, "u_s": 1e-4}, True),  # hardly ever inside of it
         ("DeadZone", {"width": 4.0, "u_s": 1e-4}, False),  # tells nothing inside
         ("AbsoluteValueSensor", {"share": 1.0}, False),  # tells no sign
@@ -416,6 +416,20 @@ def test_sensor_that_bends_and_tells_all_is_a_machine_that_bends(name, values, i
         said = same_in_machine(bends, bent, fit)
         expected = f"a machine that bends alike before {bent.site.name}"
         assert said == (expected if is_same and bent.site.kind == "output" else "")
+
+
+def test_readings_of_a_sensor_that_cuts_are_noise_beyond_its_limit():
+    """A force of 14 kN is none of a load cell that shows 10 kN: what slips there is the machine."""
+    noise = 0.05 * np.random.default_rng(1).normal(size=600)
+    moved = 3.0 * np.sin(0.05 * np.arange(600))
+    shown = np.clip(moved, -2.0, 2.0)
+    limits = reasons._limits(moved, shown)
+    assert limits == pytest.approx((-2.0, 2.0), abs=1e-6)
+    assert not reasons._moves_beyond(shown + noise, limits)
+    assert not reasons._moves_beyond(np.clip(moved, -2.001, 2.001), limits), "a level that the search missed"
+    assert reasons._moves_beyond(0.8 * moved + 0.2 * shown + noise, limits)
+    for other in (np.abs(moved), moved - shown, 0.0 * moved):
+        assert reasons._limits(moved, other) == (-np.inf, np.inf)
 
 
 def test_sensor_that_bends_beside_a_straight_one_of_the_same_signal_is_no_machine(monkeypatch):
@@ -1570,3 +1584,21 @@ def test_dead_time_begins_with_no_more_than_went_into_it_before(samples, free):
     )
     judge = proving._Judge(null, null.fit, found, (), None, None, 1, None, None, None)
     assert judge.n_own == free
+
+
+@pytest.mark.parametrize(
+    ("adds_up", "ratio", "is_refused"), [(True, 0.1, False), (True, 0.5, True), (False, 0.1, True)]
+)
+def test_law_of_nearly_all_errors_that_add_up_is_no_other(monkeypatch, adds_up, ratio, is_refused):
+    """The areas of a piston before a position that nothing holds: unknown loads do the same, and a short lag
+    that is missing besides says more than the law does beside them."""
+    prepared, proof = proved()
+    monkeypatch.setattr(proving, "wrong_law", lambda *_: "another law acts there")
+    found = SimpleNamespace(prepared=prepared, gain=20.0)
+    reference = SimpleNamespace(adds_up=adds_up)
+    judge = proving._Judge(None, None, found, (), None, None, 1, None, None, reference)
+    judge.__dict__["explained"] = 0.2
+    told = proving._Told("", proof.fit, ratios=(ratio,), is_told=True)
+    points = np.zeros(2)
+    left = FreeForm(0, "rotor.flange", "rotor.w", "", "N.m", "rad/s", 64.0, 4, 1e-5, points, points, points)
+    assert bool(judge._against_rest(told, left)[0]) == is_refused

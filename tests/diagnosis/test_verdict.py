@@ -225,6 +225,16 @@ def test_simulation_down_to_the_noise_is_nothing_missing_whatever_the_load():
     assert "CoulombFriction at rotor.flange_a from tau_c = 0.02 N.m" in found.message
 
 
+@pytest.mark.parametrize(("detectable", "name"), [(500.0, "cannot tell"), (0.3, "nothing missing")])
+def test_recordings_that_would_not_show_a_cut_signal_tell_nothing(detectable, name):
+    """Of a core in saturation it had been said that nothing is missing: a share of 510 would be seen."""
+    known = evidence(p_value=0.3, gain=5.0)
+    saturation = pairs(some_effects("Saturation"), sites(model()))[0]
+    cut = replace(known.screen.entries[0], candidate=saturation, detectable=detectable)
+    found = decide(replace(known, screen=replace(known.screen, entries=(*known.screen.entries, cut))))
+    assert found.name == name and f"from share = {detectable:.2g}" in found.message
+
+
 def test_unseen_data_that_show_less_than_those_of_the_fit_are_no_proof_of_silence():
     known = evidence(simulated=0.5, related=True)
     agreements = {**known.baseline.simulated, "estimation": Agreement({"phi": 90.0}, {"phi": 3.0})}

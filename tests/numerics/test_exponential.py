@@ -115,3 +115,8 @@ def test_nodes_of_periods_sum_to_what_every_period_has():
     assert groups[-1].nodes.size == 1 and sum(group.nodes.size for group in groups) <= 4 * 20 + 1
     few = exponential.nodes_of_periods(A, periods[:150], 1e-9)
     assert len({tuple(one.nodes) for one in few} & {tuple(one.nodes) for one in groups}) >= 2
+
+
+def test_models_without_states_have_no_transition_at_any_time():
+    """The force of a spring that is stretched at uneven times had been an internal error."""
+    assert exponential.beside(np.zeros((0, 0)), np.linspace(0.1, 0.11, 20)) is None

@@ -95,3 +95,21 @@ def test_a_damper_is_not_estimated_under_a_ground_that_is_held(cubic):
     with pytest.raises(ModelError) as refused:
         identify(shaken(cubic=cubic), [record], options)
     assert refused.value.code == "input-derivative-hold"
+
+
+def test_acceleration_that_no_loop_contains_may_be_missing():
+    """A source of motion computes its acceleration, which nothing needs; the slip of dry friction behind a
+    spring is found by iterations that do not contain it."""
+    draft = Draft(
+        "Rubbing",
+        parameters={"c": 80.0, "d": 2.0, "f": 5.0},
+        unknowns=["s", "v", "z_s", "w", "a"],
+        inputs=["z"],
+    )
+    draft.outputs = {"y": "s"}
+    for text in ("w = der(z_s)", "a = der(w)", "z_s = z", "v = der(s)"):
+        draft.equation(text)
+    draft.equation("d*v + f*tanh(v) + v**3 = c*(z - s)")
+    explicit = reduce_index(draft.flat())
+    assert max(d.order for d in explicit.input_derivatives) == 2
+    assert not acting_slopes(explicit)

@@ -172,6 +172,8 @@ def _restored(prepared: Prepared, content: Mapping[str, Any]) -> Proof:
     hints = typing.get_type_hints(Proof)
     known = {name: _value(hints[name], content[name]) for name in hints if name not in _LEFT_OUT}
     flat = prepared.flat.with_theta(known["fit"].theta)
+    if not {p.name for p in known["fit"].parameters} <= {p.name for p in flat.parameters}:
+        raise ValueError("proof of the effect in another model, which the file does not hold")
     return Proof(candidate=prepared.trial.candidate, flat=flat, **known)
 
 

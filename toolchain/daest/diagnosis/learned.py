@@ -51,13 +51,16 @@ def learned_load(
     reference: Reference | None = None,
 ) -> LearnedLoad | None:
     """The load of `form` as a part of the null's model; None where its variable depends on it at once, as an
-    acceleration does on a torque.
+    acceleration does on a torque, or is not there with the inputs as they are held now, as a speed that is
+    the slope of one.
 
     The curve's values are refitted with the estimated parameters, with more and more knots while that pays
     by BIC; where no refit succeeds, they are those of the form. `baseline` is the null's fit on the same
     terms; where there is a `reference`, the curve must foresee unseen data better than that.
     """
     course = _courses(null, run, form)
+    if course is None:
+        return None
     start, row = _curve(form, course), null.places[form.load].row
     if _is_loop(null, with_curve(null.flat, row, start)):
         return None
@@ -188,10 +191,12 @@ def _simulated(flat: FlatModel, experiments: Sequence[Experiment], hold: Hold) -
 # The curve --------------------------------------------------------------------------------------------------
 
 
-def _courses(null: Null, run: NullObserver, form: FreeForm) -> dict[str, np.ndarray]:
-    """The variables of the form along all experiments."""
+def _courses(null: Null, run: NullObserver, form: FreeForm) -> dict[str, np.ndarray] | None:
+    """The variables of the form along all experiments; None where one of them stands still or is unknown."""
     names = [name for name in (form.variable, form.sign_of) if name]
     runs = [internal_variables(null, run, i, names) for i in range(len(null.experiments))]
+    if not all(name in one for one in runs for name in names):
+        return None
     return {name: np.concatenate([one[name] for one in runs]) for name in names}
 
 

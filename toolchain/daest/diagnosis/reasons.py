@@ -248,13 +248,48 @@ def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
 def same_in_machine(model: Null, candidate: Candidate, told: FitResult) -> str:
     """What a law that bends a sensor may be as well where every reading tells one value and no other output
     tells the same signal: in terms of the readings the equations are those of a machine whose gains and
-    losses bend along. Empty where it is none such."""
+    losses bend along. A sensor that cuts is one, too, where its readings move on beyond the limit. Empty
+    where it is none such."""
     bend = _bend(model, candidate, told) if candidate.site.kind == "output" else None
-    if bend is None or bend.rest < GATES.absorbed_share * bend.size or not bend.is_monotone:
+    if bend is None or bend.rest < GATES.absorbed_share * bend.size:
+        return ""
+    cuts = any(p.is_share for p in candidate.effect.sizes)
+    if not bend.is_monotone and not (cuts and _moves_beyond(_readings(model, candidate), bend.limits)):
         return ""
     if _tells_otherwise(grown(model, model.flat, model.explicit, told, model.experiments), candidate, bend):
         return ""
     return f"a machine that bends alike before {candidate.site.name}"
+
+
+def _limits(u: np.ndarray, shown: np.ndarray) -> tuple[float, float]:
+    """The least and the largest value that is `shown` of u, both (n,), where it stands still at that end of
+    u; endless where it does not, or falls anywhere."""
+    grid, order = np.linspace(u.min(), u.max(), ALONG), np.argsort(u)
+    values = np.interp(grid, u[order], shown[order])
+    slopes = np.diff(values) / np.diff(grid)
+    rises = bool(np.all(slopes > -GATES.least_slope)) and np.ptp(values) > GATES.absorbed_share * np.ptp(u)
+    low, high = (rises and slope < GATES.least_slope for slope in (slopes[0], slopes[-1]))
+    return float(values[0]) if low else -np.inf, float(values[-1]) if high else np.inf
+
+
+def _readings(model: Null, candidate: Candidate) -> np.ndarray:
+    """Those of the output of a law (n,), one experiment after the other."""
+    row = [y.name for y in model.flat.outputs].index(candidate.site.name)
+    return np.concatenate([one.outputs[:, row] for one in model.experiments])
+
+
+def _moves_beyond(readings: np.ndarray, limits: tuple[float, float]) -> bool:
+    """Whether readings (n,) beyond the limits of what a law lets a sensor show are no noise: they spread
+    further than where a search may have missed the limits, and change little from sample to sample."""
+    low, high = limits
+    beyond = np.maximum(readings - high, low - readings)
+    is_beyond = beyond > 0.0
+    pairs = is_beyond[1:] & is_beyond[:-1]
+    if np.count_nonzero(pairs) < GATES.min_beyond_limit:
+        return False
+    spread = float(np.var(beyond[is_beyond]))
+    steps = float(np.mean(np.diff(beyond)[pairs] ** 2)) / 2.0
+    return spread > (GATES.absorbed_share * np.std(readings)) ** 2 and steps < GATES.max_cut_noise * spread
 
 
 def _tells_otherwise(bent: Null, candidate: Candidate, bend: _Bend) -> bool:
@@ -281,11 +316,12 @@ def _line(u: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class _Bend:
-    """How a law changes its signal `along` (n,) the recordings: `size` (norm) of the change, the straight
-    line nearest to it, `rest` (norm) of the change beside that, and whether what comes out tells what goes
-    in."""
+    """How a law changes its signal `along` (n,) the recordings: the `limits` of what comes out, `size` (norm)
+    of the change, the straight line nearest to it, `rest` (norm) of the change beside that, and whether what
+    comes out tells what goes in."""
 
     along: np.ndarray
+    limits: tuple[float, float]
     size: float
     slope: float
     offset: float
@@ -302,7 +338,8 @@ def _bend(model: Null, candidate: Candidate, told: FitResult) -> _Bend | None:
     if along is None or not np.all(np.isfinite(along)):
         return None
     u, change = along[0], along[1] - along[0]
-    return _Bend(u, float(np.linalg.norm(change)), *_line(u, change), _tells_one(u, change))
+    size = float(np.linalg.norm(change))
+    return _Bend(u, _limits(u, along[1]), size, *_line(u, change), _tells_one(u, change))
 
 
 def _tells_one(u: np.ndarray, change: np.ndarray) -> bool:

@@ -15,7 +15,7 @@ from daest.diagnosis.null import Null
 from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.unseen import is_likelier, is_silent
-from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Unproved, VerdictName
+from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Screened, Unproved, VerdictName
 from daest.model.effects import Domain
 from daest.model.fit import Agreement, FitResult, error_ratios
 from daest.model.flat import FlatModel
@@ -648,12 +648,27 @@ def _nothing(evidence: Evidence) -> Decided:
         unit = "" if entry.candidate.size_unit == "1" else entry.candidate.size_unit
         smallest.setdefault(label, f"{label} from {size.name} = {entry.detectable:.2g} {unit}".rstrip())
     shown = "; ".join(list(smallest.values())[:4])
+    if _is_blind(seen):
+        return Decided(
+            "cannot tell",
+            f"None of {evidence.screen.n_screened} candidates was supported, but beside unknown loads these "
+            "recordings would show none: not even what cuts a signal would be seen, though it cut all that "
+            f"lies beyond its limit. It would take, for instance: {shown}.",
+            "Record with larger inputs and less noise, or measure another quantity.",
+        )
     return Decided(
         "nothing missing",
         f"Nothing is missing at this noise level: none of {evidence.screen.n_screened} candidates was "
         f"supported (p = {evidence.screen.p_value:.2g} for the whole search). It would have shown, for "
         f"instance: {shown}.",
     )
+
+
+def _is_blind(seen: Sequence[Screened]) -> bool:
+    """Whether those of the effects that have a largest size would only be seen beyond it."""
+    most = [(entry.detectable, entry.candidate.effect.sizes[0].max) for entry in seen]
+    ratios = [size / limit for size, limit in most if limit]
+    return bool(ratios) and min(ratios) > 1.0
 
 
 def _moved(evidence: Evidence) -> list[str]:

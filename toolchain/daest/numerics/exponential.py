@@ -203,8 +203,8 @@ class Beside:
 
 def beside(A: np.ndarray, periods: np.ndarray, count: int = STRAIGHT) -> Beside | None:
     """For A (n, n) [1/s] and `periods` (k,) [s] within an octave; None where A moves too fast for a short
-    series, is large or is not finite."""
-    if not np.all(np.isfinite(A)) or A.shape[0] >= LARGE:
+    series, is empty, large or not finite."""
+    if not A.size or not np.all(np.isfinite(A)) or A.shape[0] >= LARGE:
         return None
     scaled, size = balanced(A)
     period = float(np.min(periods) + np.max(periods)) / 2.0

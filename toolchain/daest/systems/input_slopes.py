@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import ModelError, Place
-from daest.model.flat import Dynamics, InputDerivative
+from daest.model.flat import Dynamics, ExplicitModel, InputDerivative
 from daest.model.holds import Hold, held_inputs
 from daest.model.linear import StateSpace
 from daest.model.parts import Parameter
@@ -30,7 +30,12 @@ def acting_slopes(
     if not explicit.input_derivatives:
         return ()
     zeros = _zeros(explicit.flat.parameters, estimated, theta)
-    rows = [_acts(f, explicit.is_symbolic, zeros) for f in (explicit.rhs, explicit.outputs)]
+    in_loops = explicit.of_tears if isinstance(explicit, ExplicitModel) else None
+    if in_loops is None:
+        rows = [_acts(f, explicit.is_symbolic, zeros) for f in (explicit.rhs, explicit.outputs)]
+    else:
+        # What solves the loops moves with all that these contain.
+        rows = [_acts(f, True, zeros) for f in in_loops]
     acts = np.any(np.vstack(rows), axis=0)
     return tuple(d for d, one in zip(explicit.input_derivatives, acts, strict=True) if one)
 

@@ -35,7 +35,7 @@ def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     if loaded:
         yield heading("Where an unexplained load would act")
         yield _places(loaded)
-    if document["disturbance"] is not None and document["verdict"] in WITH_CURVE:
+    if document["verdict"] in WITH_CURVE and _is_curve(document["disturbance"]):
         yield from _disturbance(document["disturbance"])
     yield indented(f"{number(document['seconds'], 3)} s")
 
@@ -152,6 +152,13 @@ def _places(places: Sequence[Mapping[str, Any]]) -> RenderableType:
 def grouped(names: Sequence[str]) -> str:
     rest = len(names) - MOST_GROUP
     return ", ".join(names[:MOST_GROUP]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def _is_curve(disturbance: Mapping[str, Any] | None) -> bool:
+    """Whether a load follows a variable anywhere beyond the band of its curve, or one refitted is told."""
+    if disturbance is None or disturbance.get("learned"):
+        return disturbance is not None
+    return any(s is None or abs(w) > BAND * s for _, w, s in disturbance["curve"])
 
 
 def _disturbance(disturbance: Mapping[str, Any]) -> Iterator[RenderableType]:
