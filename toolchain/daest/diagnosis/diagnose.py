@@ -60,6 +60,7 @@ def diagnose(
     (`diagnosis.switching`). Raises EstimationError
     `diagnose-too-short`, `diagnose-no-place`, `diagnose-no-candidate`, and what identification raises.
     """
+    began = time.perf_counter()
     options = (options or DiagnoseOptions()).begun()
     to_mend = contradicted(flat, *halved(experiments, validation), options.hold)
     if to_mend is not None:
@@ -71,6 +72,20 @@ def diagnose(
         return diagnose_switching(
             *switching_case(flat, library, experiments, validation, options), options, progress
         )
+    found = _from_inside(flat, library, experiments, validation, options, progress)
+    return replace(found, seconds=time.perf_counter() - began)
+
+
+def _from_inside(
+    flat: FlatModel,
+    library: Sequence[Effect],
+    experiments: Sequence[Experiment],
+    validation: Sequence[Experiment],
+    options: DiagnoseOptions,
+    progress: Progress,
+) -> Diagnosis:
+    """The diagnosis of a model without events: where the first look leaves it open, by other loads, beside a
+    lag, or with the inputs held otherwise."""
     asis = begin(flat, experiments, validation, options, progress)
     stand, limits = limited(asis, library, options)
     holds = Holds(stand, options)
@@ -89,7 +104,7 @@ def diagnose(
         progress(AGAIN.format(hold_text(shown.hold)))
         proofs, told = held(shown.hold)
         if says_as_much(proofs, shown.proofs):
-            return replace(told, seconds=time.perf_counter() - stand.began)
+            return told
         found = examine(stand, library, options, progress)
         return told_whole(found, stand, limits)
     if found.is_of_starts and options.slowest_load is None and not options.is_over:
@@ -97,7 +112,7 @@ def diagnose(
         limit = without_memory(stand.null.experiments)
         proofs, told = again(replace(options, slowest_load=limit, near=known_values(asis.null.fit)))
         if says_as_much_as_starts(stand.null, proofs):
-            return replace(told, seconds=found.seconds + told.seconds)
+            return told
     beside = _behind_a_lag(stand, found, library, options, progress)
     if beside is not None:
         return told_whole(beside, stand, limits)
@@ -108,8 +123,7 @@ def diagnose(
     progress((AGAIN if better else IN_VAIN).format(hold_text(hold)))
     proofs, told = held(hold)
     is_second = says_as_much(proofs, found.proofs) if better else says_more(proofs, found.proofs, stand)
-    best = told if is_second else told_whole(found, stand, limits)
-    return replace(best, seconds=found.seconds + told.seconds)
+    return told if is_second else told_whole(found, stand, limits)
 
 
 def _behind_a_lag(
@@ -136,7 +150,7 @@ def _behind_a_lag(
     other = None if options.is_over else lag_instead(stand, lags[1:], second.proofs[0], options)
     if other is not None:
         second = examined(other) or second
-    return replace(second, seconds=time.perf_counter() - stand.began)
+    return second
 
 
 def switching_case(
