@@ -21,6 +21,18 @@ equation
   w = speed;
 end Motor;
 """
+FAN = """model Fan
+  parameter Real J(unit = "kg.m2", min = 0) = 0.3;
+  parameter Real k(unit = "N.m/V", min = 0) = 1 annotation(__Daest(estimate = true));
+  parameter Real d(unit = "N.m.s2/rad2", min = 0) = 0.1 annotation(__Daest(estimate = true));
+  input Real u(unit = "V");
+  output Real w(unit = "rad/s") annotation(__Daest(std = 0.05));
+  Real speed(unit = "rad/s", start = 10);
+equation
+  J*der(speed) = k*u - d*speed*abs(speed);
+  w = speed;
+end Fan;
+"""
 EFFECTS = ("Play", "Lag", "CoulombFriction")
 
 
@@ -71,3 +83,27 @@ def test_play_of_a_sensor_or_an_actuator_is_found(tmp_path, place: str, width: f
     assert best.candidate.label == f"Play at {place}"
     own = next(p for p in best.told.parameters if p.name == f"{best.candidate.name}.width")
     assert own.value == pytest.approx(width, rel=0.05)
+
+
+def test_play_of_an_input_that_is_held_is_seen_in_a_machine_that_bends(tmp_path) -> None:
+    """A play of no width forgets in which direction its signal went, before the next step shows it."""
+    rng, dt, n_steps = np.random.default_rng(4), 0.05, 20
+    voltage = np.repeat(rng.uniform(2.0, 14.0, 40), 20)
+    speed, told = 10.0, []
+    for value in played(voltage, 2.0):
+        told.append(speed)
+        for _ in range(n_steps):  # the middle of a step is a second order
+            half = speed + 0.5 * dt / n_steps * (1.2 * value - 0.12 * speed * abs(speed)) / 0.3
+            speed += dt / n_steps * (1.2 * value - 0.12 * half * abs(half)) / 0.3
+    measured = np.array(told) + 0.05 * rng.normal(size=voltage.size)
+    record = Experiment(
+        "run", dt * np.arange(voltage.size), voltage[:, None], measured[:, None], ("u",), ("w",)
+    )
+    (tmp_path / "Fan.mo").write_text(FAN)
+    options = DiagnoseOptions(effects=EFFECTS, hold="zoh")
+    found = diagnose(compile_model(tmp_path / "Fan.mo"), effect_library(), [record], (), options)
+    assert found.verdict == "supported", found.message
+    best = found.proofs[0]
+    assert best.candidate.label == "Play at u"
+    own = next(p for p in best.told.parameters if p.name == f"{best.candidate.name}.width")
+    assert abs(own.value - 2.0) < 4.0 * own.std_error and own.std_error < 0.06

@@ -154,10 +154,12 @@ def in_shapes(
             result.append([])
             continue
         units, shaped = units_at(flat, candidate.effect, candidate.site), []
+        proved = _proved(candidate, reached)
         for number, values in enumerate(_shapes(candidate, reached, counts)):
             name = f"{candidate.name}_{number + 1}"
             searched = _n_searched(candidate, values, counts)
-            shaped.append(replace(candidate, name=name, shape=values, units=units, searched=searched))
+            own = replace(candidate, name=name, shape=values, units=units, proved=proved)
+            shaped.append(replace(own, searched=searched))
         result.append(shaped)
     return result
 
@@ -392,6 +394,12 @@ def _shapes(
     combinations = [dict(choice) for choice in product(*axes)]
     step = -(-len(combinations) // MOST_SHAPES)
     return combinations[::step]
+
+
+def _proved(candidate: Candidate, ranges: Mapping[str, float]) -> dict[str, float]:
+    """Values that a proof takes in place of those that the screen tries."""
+    own = [(p, p.proof, _scale(candidate, p, ranges)) for p in candidate.effect.parameters]
+    return {p.name: scale * proof for p, proof, scale in own if proof is not None and scale > 0.0}
 
 
 def _n_searched(candidate: Candidate, values: Mapping[str, float], counts: Mapping[str, float]) -> int:

@@ -168,7 +168,7 @@ def prepare(
         for p, size in zip(effect.sizes, trial.sizes, strict=True)
     }
     inside = {p.name: _inside(sizes[p.name], p.min, p.max) for p in effect.sizes}
-    values = {**candidate.shape, **sharp, **inside}
+    values = {**candidate.shape, **sharp, **candidate.proved, **inside}
     grown = attach(flat, effect, candidate.site, candidate.name, values, candidate.inputs)
     return Prepared(trial, grown, (*estimated, *candidate.estimated))
 

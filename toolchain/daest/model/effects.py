@@ -36,6 +36,8 @@ class EffectParameter:
     the effect belongs to; `required` if the effect makes no sense without it). `grid` holds values worth
     trying, in multiples of the largest magnitude of the effect's variable `scale_of`, of the duration of the
     recording where that is "time", or as they are where it is empty. An element of an array is called `y[1]`.
+    `proof`, such a multiple, is what a refit takes in place of the values that the screen tries: what lets a
+    size of nothing be seen may blur one that is there.
     `signal_unit` is "u", "u/s" or "1/u" for a parameter in the unit of the signal that the effect sits on, in
     that per second, or in one over it.
     `periods_over` is the effect's variable over a period of 2*pi of which the effect repeats as often as the
@@ -60,6 +62,7 @@ class EffectParameter:
     required: bool = False
     signal_unit: str = ""
     periods_over: str = ""
+    proof: float | None = None
 
     @property
     def is_period_of_time(self) -> bool:

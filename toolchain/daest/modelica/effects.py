@@ -571,6 +571,9 @@ def _parameter(parameter: Parameter, source: _Source) -> EffectParameter:
         raise annotation.error(
             "grid", f"grid = {text(annotation.entries['grid'])} is no list of numbers", "Write {0.1, 1}."
         )
+    proof = entries.get("proof")
+    if not isinstance(proof, int | float | None):
+        raise annotation.error("proof", f"proof of `{parameter.name}` is no number", "Write proof = 0.1.")
     return EffectParameter(
         name=parameter.name,
         unit=parameter.unit,
@@ -587,6 +590,7 @@ def _parameter(parameter: Parameter, source: _Source) -> EffectParameter:
         required=bool(entries.get("required", False)),
         signal_unit=signal_unit,
         periods_over=str(entries.get("periods", "")),
+        proof=None if proof is None else float(proof),
     )
 
 

@@ -251,7 +251,7 @@ KEYS: dict[Role, tuple[str, ...]] = {
     # The second row is read by the catalogue of effects.
     "parameter": (
         *("estimate", "scale", "min", "max"),
-        *("role", "null", "grid", "of", "from", "required", "periods", "unit"),
+        *("role", "null", "grid", "of", "from", "required", "periods", "unit", "proof"),
     ),
     "input": ("noise", "intensity", "estimate"),
     "output": ("std", "estimate"),

@@ -4,7 +4,7 @@ block Play "The signal follows only after a width has been passed"
   parameter Real width(min = 0) = 0.1 "Width of the play from end to end"
     annotation(__Daest(estimate = true, role = "size", null = 0, unit = "u"));
   parameter SI.Time T(min = 1e-12) = 1e-3 "Time in which the follower is pushed along"
-    annotation(__Daest(role = "shape", of = "time", grid = {0.0004}));
+    annotation(__Daest(role = "shape", of = "time", grid = {0.0004, 0.004}, proof = 0.0004));
   parameter Real u_s(min = 1e-12) = 1e-3 "Range over which the kinks are rounded"
     annotation(__Daest(role = "sharpness", of = "u", grid = {0.0002}, unit = "u"));
   Real x(start = 0, stateSelect = StateSelect.prefer) "Follower";
