@@ -303,9 +303,9 @@ hold_option = click.option(
     metavar="HOLD",
     callback=hold_form,
     help="Inputs between samples: held (zoh), on straight lines (foh), on smooth curves (smooth), or those "
-    "named held and the others straight (zoh(NAME, ...)), in the recording: after --resample they run straight. "
-    "Default: that of daest.toml or of the fit; identify, diagnose and improve take what fits best; otherwise "
-    "foh.",
+    "named held and the others straight (zoh(NAME, ...)), in the recording: after --resample they run "
+    "straight. Default: that of daest.toml or of the fit; identify, diagnose and improve take what fits "
+    "best; otherwise foh.",
 )
 _window_options = (
     click.option("--from", "start", type=float, metavar="TIME", help="Use the recording from here on [s]."),

@@ -30,8 +30,8 @@ KERNEL_STEP = 1.0 / 64.0  # periods between the tabulated values of a kernel
 SEGMENT = 8192  # samples, the longest part whose spectrum is taken
 _RESAMPLED = "resampled to"
 TAKEN_STRAIGHT = (
-    "nobody says what the inputs did between the samples of the recording: taken as straight lines; --hold zoh "
-    "where they were held"
+    "nobody says what the inputs did between the samples of the recording: taken as straight lines; --hold "
+    "zoh where they were held"
 )
 
 Detrend = Literal["none", "mean", "linear"]
