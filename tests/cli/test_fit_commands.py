@@ -280,3 +280,20 @@ def test_cluster_that_is_not_there(fitted, daest, monkeypatch):
     code, out, err = daest("identify", "--hold", "zoh", "--cluster", "tcp://127.0.0.1:9")
     assert code == 2 and not out and err.startswith("error[cluster-unreachable]")
     assert "--> tcp://127.0.0.1:9" in err and "dask scheduler" in err
+
+
+def test_resampled_recordings_keep_what_is_known_of_their_inputs(folder, daest):
+    def fit(*options):
+        return json.loads(daest("identify", "run1.csv", "--model", "Lag.mo", "--format", "json", *options)[1])
+
+    held = fit("--hold", "zoh")
+    own = fit("--hold", "zoh", "--resample", "0.05")
+    assert own["hold"] == "zoh" and own["log_likelihood"] == held["log_likelihood"]
+    for name, true in TRUE.items():
+        coarse = fit("--hold", "zoh", "--resample", "0.1")["parameters"][name]
+        assert abs(coarse["value"] - true) < 4 * coarse["std_error"]
+        assert coarse["std_error"] < 2 * held["parameters"][name]["std_error"]
+    assert (
+        "straight lines; --hold zoh"
+        in daest("identify", "run1.csv", "--model", "Lag.mo", "--resample", "0.1")[2]
+    )

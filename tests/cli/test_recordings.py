@@ -3,11 +3,13 @@
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from daest.cli.options import DataOptions
-from daest.data.prepare import Preparation
+from daest.data.prepare import Preparation, resample
 from daest.data.project import Project
+from daest.model.experiment import Experiment
 
 
 def test_command_line_comes_before_the_project():
@@ -17,16 +19,26 @@ def test_command_line_comes_before_the_project():
     assert given == Preparation(0.0, 9.0, 0.2, "none", 0.5)
 
 
+def recorded(period: float | None) -> Experiment:
+    time = 0.05 * np.arange(200)
+    raw = Experiment("run", time, np.sin(time)[:, None], np.cos(time)[:, None], ("u",), ("y",))
+    return raw if period is None else resample(raw, period)
+
+
 @pytest.mark.parametrize(
-    ("options", "project", "hold"),
+    ("options", "project", "period", "hold"),
     [
-        (DataOptions(), Project(Path()), None),
-        (DataOptions(), Project(Path(), hold="zoh"), "zoh"),
-        (DataOptions(hold="zoh", period=0.1), Project(Path()), "zoh"),
+        (DataOptions(), Project(Path()), None, None),
+        (DataOptions(), Project(Path(), hold="zoh"), None, "zoh"),
+        (DataOptions(hold="zoh"), Project(Path()), None, "zoh"),
         # A resampled input has gone through a filter and is no longer held between its samples.
-        (DataOptions(period=0.1), Project(Path(), hold="zoh"), "foh"),
-        (DataOptions(), Project(Path(), hold="zoh", preparation=Preparation(period=0.1)), "foh"),
+        (DataOptions(hold="zoh"), Project(Path()), 0.1, "foh"),
+        (DataOptions(), Project(Path(), hold="zoh"), 0.1, "foh"),
+        # Its own period leaves a recording as it is.
+        (DataOptions(), Project(Path(), hold="zoh"), 0.05, "zoh"),
     ],
 )
-def test_hold(options, project, hold):
-    assert options.known_hold(project, SimpleNamespace(input_names=())) == hold
+def test_hold(options, project, period, hold):
+    model = SimpleNamespace(input_names=("u",))
+    assert options.known_hold(project, model, [recorded(period)]) == hold
+    assert options.preparation(project).hold == (options.hold or project.hold)

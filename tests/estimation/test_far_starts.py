@@ -51,7 +51,22 @@ equation
   l*der(w) = 9.81*sin(a) - u*cos(a) - l*b*w;
 end Pendulum;
 """
-
+PLAY = f"""model Geared
+  parameter Real J(unit = "kg.m2", min = 0) = {{J}} {LOG};
+  parameter Real d(unit = "N.m.s/rad", min = 0) = {{d}} {LOG};
+  parameter Real width(unit = "N.m", min = 0) = {{width}} {LOG};
+  input Real u(unit = "N.m");
+  output Real phi(unit = "rad", start = 0);
+  Real w(unit = "rad/s", start = 0);
+  Real x(unit = "N.m", start = 0) "Follower";
+  Real z = u - x;
+  Real y = u - width*z/(sqrt((z - width/2)^2 + 1e-6) + sqrt((z + width/2)^2 + 1e-6));
+equation
+  der(phi) = w;
+  J*der(w) = y - d*w;
+  5e-3*der(x) = y - x;
+end Geared;
+"""
 
 ROBOT = f"""model Robot
   parameter Real r(unit = "m", min = 0) = 0.05 {LOG};
@@ -231,3 +246,24 @@ def test_unseen_data_begin_at_the_turn_that_is_measured_and_not_at_one_that_look
     )
     rms = fit.simulated["validation"].rms
     assert all(value == pytest.approx(0.01, rel=0.15) for value in rms.values()), rms
+
+
+def geared() -> tuple[Experiment, dict[str, float]]:
+    p = {"J": 0.02, "d": 0.1, "width": 0.6}
+    rng, time = np.random.default_rng(1), 0.01 * np.arange(1500.0)
+    u = steps(rng, time.size, 60, 1.0) + 0.8 * np.sin(2.6 * np.pi * time)
+    u = np.convolve(u, np.ones(8) / 8, "same")
+
+    def rates(x, u):
+        z, half = u - x[2], p["width"] / 2
+        y = u - p["width"] * z / (np.sqrt((z - half) ** 2 + 1e-6) + np.sqrt((z + half) ** 2 + 1e-6))
+        return np.array([x[1], (y - p["d"] * x[1]) / p["J"], (y - x[2]) / 5e-3])
+
+    phi = stepped(rates, [0, 0, u[0]], u, 0.01, 40)[:, :1] + 1e-3 * rng.normal(size=(time.size, 1))
+    return Experiment("run", time, u[:, None], phi, ("u",), ("phi",)), p
+
+
+def test_a_follower_that_begins_far_off_with_other_parameters_is_called_back():
+    record, truth = geared()
+    start = {"J": 0.004, "d": 0.5, "width": 0.12}
+    assert_found(fitted(PLAY, record, start, hold="zoh"), truth, start, 1e-3)

@@ -1,6 +1,8 @@
 """The noise levels of a fit are those of its own predictor: an independent filter run with them predicts the
 same."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from nonlinear_models import experiment_of, linear_servo, oscillator, setup_of
@@ -96,6 +98,20 @@ def test_filter_of_a_smooth_nonlinear_model_predicts_nearly_as_the_fit():
     assert_same_predictions(explicit, experiment, fit, 0.005, 5.0)
     intensity, std = levels_of(fit)
     assert intensity == pytest.approx([0.3], rel=0.3) and std == pytest.approx([0.02], rel=0.1)
+
+
+def test_noise_where_every_other_sample_is_missing_is_found_and_doubted(recwarn):
+    explicit = oscillator()
+    experiment = recorded(explicit, {"w": 0.3}, [0.02], 0.05, 3, n=500)
+    outputs = experiment.outputs.copy()
+    outputs[1::2] = np.nan
+    fit = fitted(explicit, replace(experiment, outputs=outputs), ("k", "d", "k3"))
+    assert not recwarn.list
+    intensity, std = levels_of(fit)
+    assert 0.2 < intensity[0] < 1.2 and std == pytest.approx([0.02], rel=0.3)
+    assert "50 % of the samples are missing" in fit.notes[0] and "--likelihood ekf" in fit.notes[0]
+    whole = fitted(explicit, experiment, ("k", "d", "k3"))
+    assert not [note for note in whole.notes if "missing" in note]
 
 
 @pytest.mark.parametrize("reached", [NO_GAIN, 1.0])

@@ -45,6 +45,18 @@ def test_annotation_of_a_component_class_holds_for_every_instance(compiled: Comp
     assert [(p.name, p.value, p.estimate) for p in flat.parameters] == [("a.k", 1, True), ("b.k", 2, True)]
 
 
+def test_a_formula_given_to_a_component_takes_the_place_of_the_value_that_was_marked(
+    compiled: Compile,
+) -> None:
+    flat = compiled(
+        """model M model A parameter Real k = 1 annotation(__Daest(estimate = true)); Real x;
+        equation der(x) = -k*x; end A; parameter Real r = 3 annotation(__Daest(estimate = true));
+        A a(k = 2*r); end M;"""
+    )
+    assert [(p.name, p.value, p.estimate) for p in flat.parameters] == [("r", 3, True)]
+    assert [p.name for p in flat.derived_parameters] == ["a.k"]
+
+
 @pytest.mark.parametrize(
     ("declaration", "what", "remedy"),
     [

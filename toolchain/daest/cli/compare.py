@@ -148,7 +148,7 @@ def opened(
         if refit:
             candidates.append(_refitted(project, source, flat, options, seed, parameters))
         else:
-            candidate = _candidate(project, source, flat, options)
+            candidate = _candidate(project, source, flat, options, experiments)
             candidates.append(replace(candidate, flat=with_settings(candidate.flat, _own(held, flat))))
     names = measured.output_names
     return [_on(each, names, source) for each, source in zip(candidates, sources, strict=True)], experiments
@@ -160,15 +160,17 @@ def _own(held: Mapping[str, float], flat: Model) -> dict[str, float]:
     return {name: value for name, value in held.items() if name in known}
 
 
-def _candidate(project: Project, source: Path, flat: Model, options: DataOptions) -> Candidate:
+def _candidate(
+    project: Project, source: Path, flat: Model, options: DataOptions, experiments: Sequence[Experiment]
+) -> Candidate:
     from daest.cli.results import find_fit
     from daest.diagnosis.trial import Candidate
 
     fit = find_fit(project, source, flat)
     if fit is None:
-        hold = options.chosen_hold(project, flat)
+        hold = options.chosen_hold(project, flat, experiments)
         return Candidate(flat.name, flat, 0, hold, notes=("no fit found: the values of the model are used",))
-    hold = options.chosen_hold(project, flat, fit.document)
+    hold = options.chosen_hold(project, flat, experiments, fit.document)
     return _with_fit(flat, fit.document, hold, (f"fit of {fit.path}", *fit.remarks))
 
 

@@ -207,7 +207,7 @@ def _task(
     loop = _loop(wish, model_options, project)
     measured, driven, recordings, played = _recordings(flat, loop, project, files.data, data_options)
     # Nothing plays a curve: what is designed runs straight between its values.
-    hold = causal_hold(data_options.chosen_hold(project, driven, fit.document if fit else None))
+    hold = causal_hold(data_options.chosen_hold(project, driven, recordings, fit.document if fit else None))
     limits = _limits(driven, recordings, wish, hold)
     recorded = _recorded_inputs(driven, played, limits)
     folders = model_options.folders(project)

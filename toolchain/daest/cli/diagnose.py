@@ -212,7 +212,7 @@ def opened(
         )
 
     recorded = estimation, validation
-    known_hold = data_choice.known_hold(project, flat)
+    known_hold = data_choice.known_hold(project, flat, [*estimation, *validation])
     if not loaded.has_equations:
         names = _named_effects(search, folders)
         return case_of(recorded, _engine_options(search, names, search.places, known_hold))
@@ -282,13 +282,12 @@ def _sufficient(
 ) -> _Drive:
     """The recordings; coarser, and on straight lines, where they are much finer than their outputs move and
     no period is asked for, with a remark that says so."""
-    from daest.data.prepare import clear_period, is_resampled, resample, sufficient_period
+    from daest.data.prepare import clear_period, resample, sufficient_period
     from daest.model.holds import FOH, ZOH
 
-    hold = data_choice.known_hold(project, flat)
+    hold = data_choice.known_hold(project, flat, [*estimation, *validation])
     if data_choice.preparation(project).period is not None:
-        known = hold if is_resampled(estimation[0]) else data_choice.hold or project.hold
-        return _Drive(estimation, validation, known)
+        return _Drive(estimation, validation, hold)
     period = sufficient_period(estimation, validation)
     if period is not None:  # only then are the modes worth their linearisation
         period = sufficient_period(estimation, validation, _natural_frequencies(flat))

@@ -219,5 +219,5 @@ def _prepared(
             f"a filter runs over one recording, and daest.toml names {len(experiments)}: {names}",
             remedy=f"name one of them: daest filter {(project.validate or project.estimate)[-1]}",
         )
-    hold = options.chosen_hold(project, flat, fit.document if fit else None)
+    hold = options.chosen_hold(project, flat, experiments, fit.document if fit else None)
     return _Prepared(flat, experiments[0], hold, () if fit is None else fit.remarks)

@@ -96,7 +96,7 @@ def command(
     for name in effects:
         find_effects(name, folders)
     options = FleetOptions(
-        hold=data_options.known_hold(project, flat),
+        hold=data_options.told_hold(project, flat),
         split=data_options.preparation(project).split or HALF,
         diagnoses=not no_diagnose and flat.has_equations,
         effects=effects,

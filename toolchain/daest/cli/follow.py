@@ -293,7 +293,7 @@ def _with_its_fit(
 
     source = model_source(project, model)
     flat, fit = with_fit(project, source, model_options.load(project, source))
-    return flat, data_options.chosen_hold(project, flat, fit.document if fit else None)
+    return flat, data_options.chosen_hold(project, flat, (), fit.document if fit else None)
 
 
 @contextmanager

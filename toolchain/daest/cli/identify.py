@@ -191,7 +191,8 @@ def identified(
         flat = model_options.load(project, source)
     loaded = flat
     flat, estimation, validation = training_data(loaded, project, data, data_options, others=others)
-    options = replace(options or IdentifyOptions(), hold=data_options.known_hold(project, flat))
+    hold = data_options.known_hold(project, flat, [*estimation, *validation])
+    options = replace(options or IdentifyOptions(), hold=hold)
     is_long = bool(options.profile or bootstrap or options.starts > 1)
     with progress() if is_long else nullcontext(silent) as tell:
         result = identify(flat, estimation, options, validation, tell)

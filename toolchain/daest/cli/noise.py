@@ -99,5 +99,5 @@ def _along(
         )
     options = DataOptions()
     recording = driving_data(flat, project, [data], options)[0]
-    hold = options.chosen_hold(project, flat)
+    hold = options.chosen_hold(project, flat, [recording])
     return noise_along(flat, recording, places, hold=hold, tolerance=tolerance)

@@ -9,7 +9,7 @@ import functools
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from daest.data.prepare import Preparation
     from daest.data.project import Project
+    from daest.model.experiment import Experiment
     from daest.model.flat import Model
     from daest.model.holds import Hold
 
@@ -167,10 +168,16 @@ class DataOptions:
             period=given.period if self.period is None else self.period,
             detrend=given.detrend if self.detrend is None else self.detrend,
             split=given.split if self.split is None else self.split,
-            hold=project.hold,
+            hold=self.hold or project.hold,
         )
 
-    def chosen_hold(self, project: Project, flat: Model, fit: Mapping[str, Any] | None = None) -> Hold:
+    def chosen_hold(
+        self,
+        project: Project,
+        flat: Model,
+        recordings: Sequence[Experiment],
+        fit: Mapping[str, Any] | None = None,
+    ) -> Hold:
         """The known hold, else that of the fit, else that of the last fit, or search for what is missing,
         of another model of the same machine, else straight lines: what inputs do between samples is none of
         the model. Raises as `known_hold`."""
@@ -179,19 +186,28 @@ class DataOptions:
 
         names = flat.input_names
         kept = last_hold(project, names) if fit is None else fit.get("hold")
-        return self.known_hold(project, flat) or checked_hold(kept, names, "the fit") or FOH
+        return self.known_hold(project, flat, recordings) or checked_hold(kept, names, "the fit") or FOH
 
-    def known_hold(self, project: Project, flat: Model) -> Hold | None:
-        """What the inputs do between samples: the option, else straight lines after resampling (a filtered
-        input is no longer held, whatever the original was), else what daest.toml says of the recording; None
-        if unknown. Raises ConfigError `option-hold` where it names what is no input of `flat`."""
-        from daest.model.holds import FOH, checked_hold
+    def known_hold(self, project: Project, flat: Model, recordings: Sequence[Experiment]) -> Hold | None:
+        """What the inputs do between the samples of `recordings`: straight lines where they were resampled (a
+        filtered input is no longer held, whatever the original was), else what is told of them; None if
+        unknown. Raises as `told_hold`."""
+        from daest.data.prepare import is_resampled
+        from daest.model.holds import FOH
+
+        told = self.told_hold(project, flat)
+        return FOH if any(is_resampled(recording) for recording in recordings) else told
+
+    def told_hold(self, project: Project, flat: Model) -> Hold | None:
+        """What the inputs did between the samples of the recordings as they are: the option, else what
+        daest.toml says; None if unknown. Raises ConfigError `option-hold` where it names what is no input of
+        `flat`."""
+        from daest.model.holds import checked_hold
 
         hold, where = self.hold, "--hold"
         if hold is None:
             hold, where = project.hold, TOLD_HOLD
-        hold = checked_hold(hold, flat.input_names, where)
-        return FOH if self.hold is None and self.preparation(project).period is not None else hold
+        return checked_hold(hold, flat.input_names, where)
 
 
 _project_option = click.option(
@@ -287,8 +303,9 @@ hold_option = click.option(
     metavar="HOLD",
     callback=hold_form,
     help="Inputs between samples: held (zoh), on straight lines (foh), on smooth curves (smooth), or those "
-    "named held and the others straight (zoh(NAME, ...)). Default: that of daest.toml or of the fit; "
-    "identify, diagnose and improve take what fits best; otherwise foh.",
+    "named held and the others straight (zoh(NAME, ...)), in the recording: after --resample they run "
+    "straight. Default: that of daest.toml or of the fit; identify, diagnose and improve take what fits "
+    "best; otherwise foh.",
 )
 _window_options = (
     click.option("--from", "start", type=float, metavar="TIME", help="Use the recording from here on [s]."),

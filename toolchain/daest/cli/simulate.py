@@ -76,7 +76,7 @@ def command(
     flat = with_settings(flat, settings)
     inputs = files.recording
     recording = driving_data(flat, project, [inputs] if inputs else [], data_options)[0]
-    chosen = data_options.chosen_hold(project, flat, fit.document if fit else None)
+    chosen = data_options.chosen_hold(project, flat, [recording], fit.document if fit else None)
     with progress() as tell:
         result = simulate(flat, recording, hold=chosen, noise=noise, seed=seed if noise else None, tell=tell)
     draw(plot, lambda: simulation_figure(result, recording))

@@ -29,6 +29,10 @@ STOP = 0.5 * (DATA.cutoff + DATA.transition)  # frequency, in units of 1 / perio
 KERNEL_STEP = 1.0 / 64.0  # periods between the tabulated values of a kernel
 SEGMENT = 8192  # samples, the longest part whose spectrum is taken
 _RESAMPLED = "resampled to"
+TAKEN_STRAIGHT = (
+    "nobody says what the inputs did between the samples of the recording: taken as straight lines; --hold "
+    "zoh where they were held"
+)
 
 Detrend = Literal["none", "mean", "linear"]
 
@@ -141,9 +145,11 @@ def _last_decimal(time: np.ndarray, most: float) -> float:
 
 
 def prepare(experiment: Experiment, preparation: Preparation) -> Experiment:
-    """Resampled and, unless a split follows, detrended; notes say so."""
+    """Resampled and, unless a split follows, detrended; notes say so, and what is not known of the inputs."""
     if preparation.period is not None:
         experiment = resample(experiment, preparation.period, preparation.hold or FOH)
+        if preparation.hold is None and experiment.input_names and is_resampled(experiment):
+            experiment = replace(experiment, notes=(*experiment.notes, TAKEN_STRAIGHT))
     return experiment if preparation.split is not None else detrend(experiment, preparation.detrend)
 
 

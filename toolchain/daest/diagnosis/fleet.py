@@ -9,7 +9,7 @@ from itertools import islice
 
 import numpy as np
 
-from daest.data.prepare import Preparation, split_all
+from daest.data.prepare import Preparation, is_resampled, split_all
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.gates import GATES
@@ -23,6 +23,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import Model
 from daest.model.fleet import Fleet, Group, Machine, Odd, Spread
+from daest.model.holds import FOH
 from daest.numerics.parallel import Outcome, workers
 
 HALF = 0.5  # of every recording estimates, where nothing else is said
@@ -34,9 +35,10 @@ HOLDS = "not falsified"
 
 @dataclass(frozen=True)
 class FleetOptions:
-    """How machines are examined: `hold` None takes the better one; the first share `split` of every recording
-    estimates, the rest judges; not `diagnoses`: falsified models are told as such. Machines are examined in
-    `jobs` processes, or on the Dask `cluster` at an address."""
+    """How machines are examined: `hold` is that of the recordings before they are resampled, None takes the
+    better one; the first share `split` of every recording estimates, the rest judges; not `diagnoses`:
+    falsified models are told as such. Machines are examined in `jobs` processes, or on the Dask `cluster` at
+    an address."""
 
     hold: str | None = None
     split: float = HALF
@@ -87,7 +89,8 @@ def examine(task: tuple[Recorded, FleetOptions]) -> Machine:
         raise one.error
     assert one.flat is not None and one.experiment is not None
     estimation, validation = split_all([one.experiment], Preparation(split=options.split))
-    wanted = IdentifyOptions(hold=options.hold, seed=options.seed, jobs=1)
+    hold = FOH if is_resampled(one.experiment) else options.hold
+    wanted = IdentifyOptions(hold=hold, seed=options.seed, jobs=1)
     fit = identify(one.flat, estimation, wanted, validation)
     machine = _fitted_machine(one.name, fit, _verdict(one.flat, fit, validation))
     if machine.verdict == "falsified" and options.diagnoses:

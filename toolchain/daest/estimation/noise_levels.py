@@ -282,13 +282,24 @@ def _searched_logs(value: object, n_intensity: int, n_std: int, evaluations: int
 
 
 def _rough_std(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
-    """The white part of the simulation errors, from second differences."""
+    """The white part of the simulation errors, from second differences of the samples that are there."""
     errors = prediction_errors(problem, z)
     assert errors is not None
-    second = np.concatenate([np.diff(e, 2, axis=0) for e in errors.errors])
-    fine = np.sqrt(np.nanmean(second**2, axis=0) / 6.0)
+    fine = np.sqrt([_white_variance([e[np.isfinite(e)] for e in column]) for column in _columns(errors)])
     whole = np.sqrt(np.diagonal(errors.covariance))
     return np.where(np.isfinite(fine) & (fine > 0.0), np.minimum(fine, whole), whole)
+
+
+def _columns(errors: Errors) -> list[list[np.ndarray]]:
+    """The errors (n_samples,) of every record, by output."""
+    n_y = errors.covariance.shape[0]
+    return [[e[:, j] for e in errors.errors] for j in range(n_y)]
+
+
+def _white_variance(courses: Sequence[np.ndarray]) -> float:
+    """A sixth of the mean square of second differences of courses (n,); NaN where there are none."""
+    second = np.concatenate([np.diff(course, 2) for course in courses])
+    return float(np.mean(second**2)) / 6.0 if second.size else np.nan
 
 
 def _unit_intensity(average: AverageModel, std: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from daest.estimation.coordinates import objective, prior_precisions
 from daest.estimation.gain_family import Levels
+from daest.estimation.gates import FIT
 from daest.estimation.identifiability import (
     Scores,
     covariance,
@@ -43,6 +44,10 @@ AGREEMENT_ITERATIONS = 10  # of the search for the initial states that an agreem
 SWITCHES = (
     "the model changes at events, so that its likelihood may have valleys of its own between them, and "
     "intervals that are too narrow in a wrong one: compare the ends from several starts (--starts 8)"
+)
+TOO_LARGE = (
+    "{:.0f} % of the samples are missing: after each, a predictor with a constant gain errs more than it "
+    "knows, and takes that for noise; --likelihood ekf tells noises without this excess"
 )
 
 
@@ -144,6 +149,9 @@ class NonlinearEnds:
                 notes.append(COLOURED)
         else:
             cov_z = covariance(in_z, free)
+            missing = 1.0 - float(np.mean(np.concatenate(observed)))
+            if np.any(setup.estimate_intensity) and missing > FIT.many_missing:
+                notes.append(TOO_LARGE.format(100.0 * missing))
         cov = cov_z * np.outer(slopes, slopes)
         values = unknowns.natural(found.z[:n])
         average = average_along(problem, found.z)

@@ -28,7 +28,7 @@ from daest.estimation.noise_levels import (
     gained,
     with_gain,
 )
-from daest.estimation.nonlinear_start import asked_holds, further_starts, limits
+from daest.estimation.nonlinear_start import asked_holds, called_back, further_starts, limits
 from daest.estimation.observer import observer
 from daest.estimation.optimum import Search, best_point, coloured, lost, rank, scanned
 from daest.estimation.profile import Tell
@@ -169,7 +169,8 @@ def _simulated_from(
         search = replace(search, goal=-options.least)
         leads = is_end and options.second_look and options.max_iterations > 0 and not has_events
         further = _kept(_led(problem, home), led) if leads else ()
-        found = best_point(search, [z], partial(is_coloured, problem), further)
+        starts = [z, *called_back(problem, z)]
+        found = best_point(search, starts, partial(is_coloured, problem), further)
         single = None if found is None else Ending(problem, found, None)
     is_doubtful = _has_lost_one(single, home) or (setup.method == "oe" and _is_poor(single))
     if shooting == 1 or (shooting is None and not is_doubtful):

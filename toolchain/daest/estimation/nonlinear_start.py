@@ -50,6 +50,19 @@ def unscaled_start(problem: TrajectoryProblem) -> np.ndarray:
     return np.concatenate([start, consistent_states(problem, start).ravel()])
 
 
+def called_back(problem: TrajectoryProblem, z: np.ndarray) -> list[np.ndarray]:
+    """z with the initial states that are far off where the model says, which may have been fitted with other
+    parameters in mind, and none has a slope to come back by; empty where there are none. Shapes: z (n_z,)."""
+    n, n_states = len(problem.unknowns.coordinates), problem.n_states * len(problem.experiments)
+    own = (consistent_states(problem, z[:n]) / problem.state_scale).ravel()
+    is_far = np.abs(z[n : n + n_states] - own) > FIT.far_beginning
+    if not np.any(is_far):
+        return []
+    back = z.copy()
+    back[n : n + n_states][is_far] = own[is_far]
+    return [back]
+
+
 def with_sized_effects(problem: TrajectoryProblem) -> TrajectoryProblem:
     """The problem with all sizes of effects nearer to where these vanish, by powers of ten, if the model fits
     better there from its own initial state.

@@ -92,9 +92,10 @@ def _check_bounds(parameter: Parameter) -> None:
 
 
 def derived_of(name: str, variable: s.FlatVariable, expression: str, reading: Reading) -> DerivedParameter:
-    """Raises ModelError when the annotation asks for an estimate of it."""
+    """Raises ModelError when the annotation asks for an estimate of what its own declaration computes. Where
+    a component or a derived class is given the formula, it takes the place of the value that was marked."""
     annotation = reading.annotations[variable.name]
-    if annotation.flag("estimate", False):
+    if annotation.flag("estimate", False) and annotation.is_of_formula:
         what = f"`{name}` is computed as `{expression}` and cannot be estimated"
         raise annotation.error("estimate", what, "Mark what it is computed from.")
     return DerivedParameter(

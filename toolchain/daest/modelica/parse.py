@@ -13,7 +13,7 @@ The compiler drops annotations, but tells where each declaration stands.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from daest.errors import ModelError, Place
@@ -262,11 +262,13 @@ SCALES = ("auto", "linear", "log")
 
 @dataclass(frozen=True)
 class Annotation:
-    """The entries of one `__Daest(...)`, each with its place."""
+    """The entries of one `__Daest(...)`, each with its place. `is_of_formula`: the declaration beside it
+    computes its value from others."""
 
     entries: Mapping[str, s.Node] = field(default_factory=dict)
     places: Mapping[str, Place] = field(default_factory=dict)
     place: Place | None = None
+    is_of_formula: bool = False
 
     def __bool__(self) -> bool:
         return self.place is not None
@@ -309,7 +311,9 @@ def annotation_of(file: str, source: bytes, declaration_end: int) -> Annotation:
     at = find_outside(tail, 0, "annotation") + 1
     for one in arguments(tail, at) if at < len(tail) and tail[at].text == "(" else ():
         if one[0].text == "__Daest" and len(one) > 1 and one[1].text == "(":
-            return _entries(one, file, source)
+            value = tail[find_outside(tail, 0, "=") : find_outside(tail, 0, "annotation")]
+            is_of_formula = any(token.kind == "name" for token in value)
+            return replace(_entries(one, file, source), is_of_formula=is_of_formula)
     return NONE
 
 
