@@ -65,8 +65,8 @@ def recorded(width_u: float, width_w: float) -> Experiment:
 @pytest.mark.parametrize(
     ("place", "width"),
     [
-        ("w", 2.0),
-        pytest.param("u", 0.6, marks=pytest.mark.slow),  # the same law before the machine
+        pytest.param("w", 2.0, marks=pytest.mark.slow),  # the same law at an input: below
+        pytest.param("u", 0.6, marks=pytest.mark.slow),
         pytest.param("", 0.0, marks=pytest.mark.slow),  # nothing missing: test_diagnose.py
     ],
 )
