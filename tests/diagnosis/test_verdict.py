@@ -119,6 +119,18 @@ def test_loads_that_no_observer_follows_are_not_nothing():
     assert found.name == "unknown effect" and found.is_by_colour
 
 
+def test_the_output_is_named_of_which_a_law_removes_most():
+    def with_current(told, rms):
+        both = Agreement({"i": 90.0, **told.simulated["validation"].fit_percent}, {"i": rms, "phi": 1.0})
+        return replace(told, simulated={**told.simulated, "validation": both})
+
+    law = proof()
+    law = replace(law, fit=with_current(law.fit, 0.2))
+    known = evidence(proofs=[law])
+    known = replace(known, baseline=with_current(known.baseline, 0.8))
+    assert "removes 75 % of the error of the whole simulation of i." in decide(known).message
+
+
 def test_what_a_simulation_leaves_is_told_where_it_is_many_times_the_noise():
     said = "leaves of phi is 4 times its error one sample ahead: something else is missing, or acts besides."
     known = evidence(proofs=[proof(simulated=2.0)], simulated=9.0)
