@@ -117,10 +117,18 @@ def run_null(null: Null) -> NullObserver:
     names = null.explicit.state_names
     starts = [np.array([state.get(name, 0.0) for name in names]) for state in null.initial_states]
     longest = int(np.argmax([e.n_samples for e in null.experiments]))
-    average = _average(null, model, starts[longest], null.experiments[longest])
-    found = observer(average, null.intensity, null.measurement_std)
-    whole = np.zeros((len(names), len(null.flat.outputs))) if found is None else found.gain
+    experiment = null.experiments[longest]
+    free = integrate(
+        model, experiment.time, experiment.inputs, null.theta, starts[longest], hold=null.hold, rtol=RTOL
+    )
+    average = _average(null, experiment, free)
+    whole = _whole_gain(null, average)
     gain, runs, errors = _followed(null, model, starts, whole)
+    if _has_run_away(null, experiment.outputs - free.outputs, GATES.free_runaway):
+        # What falls over in a simulation is held by an observer, and bends otherwise there.
+        average = _average(null, experiment, runs[longest])
+        whole = _whole_gain(null, average)
+        gain, runs, errors = _followed(null, model, starts, whole)
     table = np.concatenate(errors)
     table = table[np.all(np.isfinite(table), axis=1)]
     root = np.linalg.inv(np.linalg.cholesky(table.T @ table / table.shape[0]))
@@ -150,8 +158,6 @@ def _followed(
     """The largest gain, halved as often as it takes or zero, that does not run away from the measurements,
     with its trajectories and errors. A law that sticks damps on average far more than in motion, and the gain
     for so much damping may be unstable there."""
-    spread = np.concatenate([e.outputs for e in null.experiments])
-    spread = GATES.observer_runaway * np.nanstd(spread, axis=0)
     for share in (*(0.5**i for i in range(HALVINGS)), 0.0):
         tried = gain if share == 1.0 else share * gain
         try:
@@ -161,16 +167,28 @@ def _followed(
                 raise
             continue
         errors = [e.outputs - r.outputs for e, r in zip(null.experiments, runs, strict=True)]
-        table = np.abs(np.concatenate(errors))
-        if not share or np.all(np.where(np.isnan(table), 0.0, table).max(axis=0) < spread):
+        if not share or not _has_run_away(null, np.concatenate(errors)):
             break
     return tried, runs, errors
 
 
-def _average(null: Null, model: Integrator, x0: np.ndarray, experiment: Experiment) -> AverageModel:
-    free = integrate(model, experiment.time, experiment.inputs, null.theta, x0, hold=null.hold, rtol=RTOL)
+def _has_run_away(null: Null, errors: np.ndarray, most: float = GATES.observer_runaway) -> bool:
+    """Whether errors (n_samples, n_y) of any output are more than so many of its standard deviations."""
+    spread = np.nanstd(np.concatenate([e.outputs for e in null.experiments]), axis=0)
+    largest = np.abs(np.where(np.isnan(errors), 0.0, errors)).max(axis=0)
+    return not np.all(largest < most * spread)
+
+
+def _average(null: Null, experiment: Experiment, run: Trajectory) -> AverageModel:
     ubar = _ubar(null, experiment)
-    return average_model(model.explicit, null.theta, experiment.time, free.states, ubar)
+    return average_model(null.explicit, null.theta, experiment.time, run.states, ubar)
+
+
+def _whole_gain(null: Null, average: AverageModel) -> np.ndarray:
+    """The stationary gain of an average (n, n_y); zero where there is none."""
+    found = observer(average, null.intensity, null.measurement_std)
+    n_y, n = average.C.shape
+    return np.zeros((n, n_y)) if found is None else found.gain
 
 
 def _ubar(null: Null, experiment: Experiment) -> np.ndarray:

@@ -1,0 +1,54 @@
+"""A pendulum that a controller holds upright while it is recorded, and that no simulation keeps there."""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.screen import run_null
+from daest.diagnosis.stand import begin, halved
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_text
+from daest.numerics.statistics import whiteness_p_value
+
+UPRIGHT = """model Upright
+  parameter Real J(unit = "kg.m2", min = 0) = 0.05 annotation(__Daest(estimate = true));
+  parameter Real d(unit = "N.m.s/rad", min = 0) = 0.02 annotation(__Daest(estimate = true));
+  input Real tau(unit = "N.m");
+  output Real angle(unit = "rad") annotation(__Daest(std = 0.001));
+  Real phi(unit = "rad", start = 0);
+  Real w(unit = "rad/s", start = 0);
+equation
+  der(phi) = w;
+  J*der(w) = tau + 1.5*sin(phi) - d*w;
+  angle = phi;
+end Upright;
+"""
+J, D, PERIOD = 0.06, 0.03, 0.01
+
+
+def record(n: int = 800) -> Experiment:
+    """Every ten samples the controller begins to hold another angle."""
+    rng, state, rows = np.random.default_rng(3), np.array([0.05, 0.0]), []
+    wanted = np.repeat(rng.uniform(-0.1, 0.1, n // 10), 10)
+    for goal in wanted:
+        angle = state[0] + 0.001 * rng.normal()
+        tau = -4.0 * (state[0] - goal) - 0.6 * state[1]
+        rows.append([tau, angle])
+        motion = solve_ivp(
+            lambda _, x, tau=tau: [x[1], (tau + 1.5 * np.sin(x[0]) - D * x[1]) / J],
+            (0.0, PERIOD), state, rtol=1e-9, atol=1e-12,
+        )  # fmt: skip
+        state = motion.y[:, -1]
+    tau, angle = np.array(rows).T
+    return Experiment("held", PERIOD * np.arange(n), tau[:, None], angle[:, None], ("tau",), ("angle",))
+
+
+def test_observer_is_that_of_the_machine_where_it_was_held_and_not_where_it_falls_to():
+    flat = compile_text(UPRIGHT.encode(), Path("Upright.mo"))
+    run = run_null(begin(flat, *halved((record(),), ()), DiagnoseOptions(hold="zoh")).null)
+    fastest = np.max(np.linalg.eigvals(run.average.A).real)
+    assert abs(fastest / (np.sqrt(1.5 / J + (D / J / 2.0) ** 2) - D / J / 2.0) - 1.0) < 0.05
+    (observed,) = run.observed
+    assert whiteness_p_value(observed.whitened[:, 0], np.ones(len(observed.whitened), dtype=bool)) > 0.01
