@@ -53,3 +53,30 @@ def test_what_parameters_and_loads_do(tmp_path, effect, place, estimated, loads,
         explicit, sizes_of(explicit, sizes), estimated, loads, states, inputs, derivatives
     )
     assert found.tolist() == [is_absorbed] * len(sizes)
+
+
+def test_points_without_a_solution_of_a_loop_are_passed_over(tmp_path) -> None:
+    """At half its speed the pump does not reach the level of the tank, and its flow is no number there."""
+    (tmp_path / "Pump.mo").write_text("""model Pump
+  parameter Real a(unit = "s2/m5", min = 0) = 4e5;
+  parameter Real k(unit = "m2/s", min = 0) = 6e-4;
+  input Real n(unit = "1", start = 1);
+  Real l(unit = "m", start = 3);
+  Real q(unit = "m3/s", start = 2e-3);
+  Real h(unit = "m", start = 5);
+  output Real level(unit = "m");
+equation
+  h = 10*n*n - a*q*q;
+  h - l = 1e6*q*q;
+  der(l) = q - k*l;
+  level = l;
+end Pump;
+""")
+    flat = compile_model(tmp_path / "Pump.mo")
+    candidates = [c for c in pairs([find_effect("Gain")], sites(flat)) if c.site.name == "level"]
+    explicit = explicit_at_null(flat, candidates)
+    sizes = sizes_of(explicit, [f"{c.name}.{p.name}" for c in candidates for p in c.effect.sizes])
+    states, inputs = np.full((50, explicit.n_states), 3.0), np.full((50, 1), 0.9)
+    derivatives = np.zeros((50, explicit.rhs.numel_in(2)))
+    found = rescaling_sizes(explicit, sizes, ["a", "k"], [], states, inputs, derivatives)
+    assert found.tolist() == [False]

@@ -4,6 +4,7 @@ rescale a model are told by its equations."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import casadi as ca
 import numpy as np
@@ -11,8 +12,10 @@ import numpy as np
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.size_slopes import Sizes, sizes_of, slopes_over
 from daest.model.flat import ExplicitModel
+from daest.numerics.quiet import native_silence
 
 _SEED = 20040101
+_TRIES = 10  # points that are looked at, for each that is wanted
 
 
 def rescaling_sizes(
@@ -30,7 +33,7 @@ def rescaling_sizes(
 
     `states` (n_samples, n), `inputs` (n_samples, n_u) and `derivatives` of inputs (n_samples, n_v) say
     where the machine works. The slopes ∂[f; h]/∂size of the rates and outputs are compared at as many points
-    about there as tell all directions apart."""
+    about there as tell all directions apart, where the loops of the model have a solution."""
     is_load = [i for i, name in enumerate(explicit.state_names) if name in loads]
     n_directions = len(estimated) + len(is_load)
     n_sizes = len(sizes.names)
@@ -38,12 +41,19 @@ def rescaling_sizes(
         return np.zeros(n_sizes, dtype=bool)
     slopes = _slopes(explicit, sizes, estimated, is_load)
     rng = np.random.default_rng(_SEED)
-    tables = []
-    for at in rng.integers(len(states), size=4 * (n_directions + 1)):
+    wanted = 4 * (n_directions + 1)
+    tables: list[np.ndarray] = []
+    for at in rng.integers(len(states), size=_TRIES * wanted):
         x, u, v = (
             values[at] * rng.uniform(0.5, 1.5, values.shape[1]) for values in (states, inputs, derivatives)
         )
-        tables.append(np.array(slopes(x, u, v, rng.uniform())))
+        # A loop has no solution there: a pump against more than its own head.
+        with suppress(RuntimeError), native_silence():
+            tables.append(np.array(slopes(x, u, v, rng.uniform())))
+        if len(tables) == wanted:
+            break
+    if len(tables) < wanted:
+        return np.zeros(n_sizes, dtype=bool)
     whole = np.concatenate(tables)
     whole = whole[np.all(np.isfinite(whole), axis=1)]
     made, known = whole[:, :n_sizes], whole[:, n_sizes:]
