@@ -226,15 +226,19 @@ def _nearest(
         except IntegrationError:
             break
         pairs = zip(problem.experiments, made, strict=True)
-        errors = [np.nan_to_num((e.outputs - t.outputs) / sizes).ravel() for e, t in pairs]
-        size = float(np.linalg.norm(np.concatenate(errors)))
+        errors = [((e.outputs - t.outputs) / sizes).ravel() for e, t in pairs]
+        size = float(np.sqrt(sum(np.nansum(error**2) for error in errors)))
         if not size <= 0.5 * least:
             break
         begun, least = states, size
         steps = []
         for run, free, error in zip(made, is_free, errors, strict=True):
             slopes = run.sensitivities * problem.state_scale / sizes[:, None] * free
-            steps.append(np.linalg.lstsq(slopes.reshape(error.size, -1), error, rcond=FIT.shown_at_once)[0])
+            known = np.isfinite(error)
+            rows = slopes.reshape(error.size, -1)[known]
+            if not np.all(np.isfinite(rows)):
+                return begun
+            steps.append(np.linalg.lstsq(rows, error[known], rcond=FIT.shown_at_once)[0])
         states = np.clip(states + np.concatenate(steps), lower, upper)
     return begun
 
