@@ -59,6 +59,11 @@ def test_a_law_that_does_nothing_is_seldom_better_in_use(memory):
     assert sum(speaks_for(one, 1) for one in found) <= 2
 
 
+def test_a_law_that_is_worse_where_it_was_fitted_is_better_elsewhere_by_chance():
+    shown = InUse(0.02, 0.7, 47.0, 47.0, 2.7)
+    assert speaks_for(shown, 1) and not speaks_for(replace(shown, fitted=-0.02), 1)
+
+
 def agreements(fitted, unseen):
     parts = {"estimation": fitted, "validation": unseen}
     return {name: Agreement({"y": 50.0}, {"y": rms}) for name, rms in parts.items()}

@@ -50,9 +50,10 @@ class Simulated:
 
 
 def speaks_for(used: InUse, n_own: int) -> bool:
-    """Whether a law of `n_own` parameters is better in use by more than chance."""
+    """Whether a law of `n_own` parameters is better in use by more than chance, also where it was fitted."""
     return (
         min(used.n_independent, used.n_unseen) >= GATES.min_independent
+        and used.fitted > 0.0
         and used.bic(n_own) > GATES.min_bic_gain
         and used.ratio < GATES.max_clear_ratio
         and used.certainty > GATES.unseen_significance
