@@ -180,6 +180,8 @@ def test_what_pieces_show_is_told_as_theirs():
     said = decide(evidence(proofs=[shown])).message
     assert "50 % of the error of simulations over 0.5 s, each from a start of its own," in said
     assert "unseen data simulated better by 4 standard errors" in said
+    adding = replace(proof(simulated=1.6), ahead=(), is_by_use=True, in_use=used)
+    assert "each from a start of its own. The error of" in decide(evidence(proofs=[adding])).message
 
 
 def test_curve_that_foresees_nothing_is_no_effect():

@@ -136,7 +136,8 @@ def _examined(
     if decided.name in OPEN and (learned is None or learned.against):
         proofs, is_in_time = course.in_pieces(proofs)
         is_whole = is_whole and is_in_time
-        decided = verdicts.decide(replace(evidence, proofs=proofs))
+        evidence = replace(evidence, proofs=proofs)
+        decided = verdicts.decide(evidence)
     decided, beside_values = _with_values(stand, run, evidence, decided, options, progress)
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
     message += beside_values

@@ -17,7 +17,7 @@ from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.unseen import is_likelier, is_silent
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Screened, Unproved, VerdictName
 from daest.model.effects import Domain
-from daest.model.fit import Agreement, FitResult, error_ratios
+from daest.model.fit import Agreement, FitResult, error_ratios, ratios_by_output
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
 from daest.quantities import spoken_duration
@@ -442,7 +442,7 @@ def _importance(evidence: Evidence, proof: Proof) -> str:
         parts.append(
             f"{_removed(least)} of {'that' if parts else 'the error'} of the whole simulation{output}"
         )
-    text = f" Importance: it removes {' and '.join(parts)}." if parts else ""
+    text = f" Importance: it removes {' and '.join(parts).removesuffix(',')}." if parts else ""
     if is_larger:
         text += f" The error of the whole simulation gets {ratio:.3g} times larger"
         text += ": nothing holds what is measured, so that it adds up." if proof.adds_up else "."
@@ -452,9 +452,8 @@ def _importance(evidence: Evidence, proof: Proof) -> str:
 def _most_removed(evidence: Evidence, proof: Proof) -> tuple[float, str]:
     """Error of the candidate on unseen data relative to that of the model as it is, of the output where it is
     smallest, and which one that is; empty where it is the only one."""
-    before, after = (fit.simulated["validation"].rms for fit in _told(evidence, proof))
-    pairs = [(name, was, after.get(name)) for name, was in before.items()]
-    ratios = {name: rms / was for name, was, rms in pairs if was and rms is not None}
+    before, after = _told(evidence, proof)
+    ratios = ratios_by_output(before.simulated, after.simulated)
     name = min(ratios, key=ratios.__getitem__)
     return ratios[name], f" of {name}" if len(ratios) > 1 else ""
 
@@ -463,13 +462,9 @@ def _left_over(evidence: Evidence, proof: Proof) -> str:
     """A sentence on the output of which a simulation with the effect leaves most, beside its noise; empty
     where it leaves little more, or its errors add up."""
     after = _told(evidence, proof)[1]
-    noise, simulated = (
-        {name: rms for name, rms in found["validation"].rms.items() if rms} if "validation" in found else {}
-        for found in (after.one_step, after.simulated)
-    )
-    ratios = {name: simulated[name] / noise[name] for name in simulated if name in noise}
+    ratios = ratios_by_output(after.one_step, after.simulated)
     name = max(ratios, key=ratios.__getitem__, default="")
-    if proof.adds_up or not name or ratios[name] < GATES.told_rest:
+    if proof.adds_up or not name or not GATES.told_rest <= ratios[name] < np.inf:
         return ""
     return (
         f" What a simulation leaves of {name} is {ratios[name]:.2g} times its error one sample ahead: "

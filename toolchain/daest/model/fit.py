@@ -150,13 +150,20 @@ class Agreement:
 def error_ratios(
     before: Mapping[str, Agreement], after: Mapping[str, Agreement], data: str = "validation"
 ) -> list[float]:
+    """The values of `ratios_by_output`."""
+    return list(ratios_by_output(before, after, data).values())
+
+
+def ratios_by_output(
+    before: Mapping[str, Agreement], after: Mapping[str, Agreement], data: str = "validation"
+) -> dict[str, float]:
     """Error on that `data` relative to what it was, of every output that had one; inf where the new one is
     unknown. Empty without such data."""
     old, new = before.get(data), after.get(data)
     if old is None or new is None:
-        return []
-    pairs = [(new.rms.get(name), rms) for name, rms in old.rms.items()]
-    return [float("inf") if rms is None else rms / was for rms, was in pairs if was]
+        return {}
+    pairs = [(name, new.rms.get(name), was) for name, was in old.rms.items()]
+    return {name: float("inf") if rms is None else rms / was for name, rms, was in pairs if was}
 
 
 @dataclass(frozen=True)
