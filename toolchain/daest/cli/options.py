@@ -189,14 +189,11 @@ class DataOptions:
         return self.known_hold(project, flat, recordings) or checked_hold(kept, names, "the fit") or FOH
 
     def known_hold(self, project: Project, flat: Model, recordings: Sequence[Experiment]) -> Hold | None:
-        """What the inputs do between the samples of `recordings`: straight lines where they were resampled (a
-        filtered input is no longer held, whatever the original was), else what is told of them; None if
-        unknown. Raises as `told_hold`."""
-        from daest.data.prepare import is_resampled
-        from daest.model.holds import FOH
+        """What the inputs do between the samples of `recordings` (`hold_after`); None if unknown. Raises as
+        `told_hold`."""
+        from daest.data.prepare import hold_after
 
-        told = self.told_hold(project, flat)
-        return FOH if any(is_resampled(recording) for recording in recordings) else told
+        return hold_after(recordings, self.told_hold(project, flat))
 
     def told_hold(self, project: Project, flat: Model) -> Hold | None:
         """What the inputs did between the samples of the recordings as they are: the option, else what

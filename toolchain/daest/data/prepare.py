@@ -5,7 +5,7 @@ The order is fixed: cut (while reading), resample, split, detrend each part.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Literal
@@ -284,6 +284,12 @@ def _spectrum(values: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray
 def is_resampled(experiment: Experiment) -> bool:
     """Whether the signals have gone through the filter of `resample`."""
     return any(note.startswith(_RESAMPLED) for note in experiment.notes)
+
+
+def hold_after(recordings: Iterable[Experiment], told: Hold | None) -> Hold | None:
+    """What inputs do between the samples of `recordings` of which a hold is `told`: straight lines where they
+    were resampled, since a filtered input is no longer held."""
+    return FOH if any(is_resampled(recording) for recording in recordings) else told
 
 
 def resample(experiment: Experiment, period: float, hold: Hold = FOH) -> Experiment:

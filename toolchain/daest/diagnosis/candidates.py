@@ -158,8 +158,9 @@ def in_shapes(
         for number, values in enumerate(_shapes(candidate, reached, counts)):
             name = f"{candidate.name}_{number + 1}"
             searched = _n_searched(candidate, values, counts)
-            own = replace(candidate, name=name, shape=values, units=units, proved=proved)
-            shaped.append(replace(own, searched=searched))
+            shaped.append(
+                replace(candidate, name=name, shape=values, units=units, searched=searched, proved=proved)
+            )
         result.append(shaped)
     return result
 

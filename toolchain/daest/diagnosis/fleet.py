@@ -9,7 +9,7 @@ from itertools import islice
 
 import numpy as np
 
-from daest.data.prepare import Preparation, is_resampled, split_all
+from daest.data.prepare import Preparation, hold_after, split_all
 from daest.diagnosis.compare import compare_models
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.gates import GATES
@@ -23,7 +23,6 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import Model
 from daest.model.fleet import Fleet, Group, Machine, Odd, Spread
-from daest.model.holds import FOH
 from daest.numerics.parallel import Outcome, workers
 
 HALF = 0.5  # of every recording estimates, where nothing else is said
@@ -89,7 +88,7 @@ def examine(task: tuple[Recorded, FleetOptions]) -> Machine:
         raise one.error
     assert one.flat is not None and one.experiment is not None
     estimation, validation = split_all([one.experiment], Preparation(split=options.split))
-    hold = FOH if is_resampled(one.experiment) else options.hold
+    hold = hold_after([one.experiment], options.hold)
     wanted = IdentifyOptions(hold=hold, seed=options.seed, jobs=1)
     fit = identify(one.flat, estimation, wanted, validation)
     machine = _fitted_machine(one.name, fit, _verdict(one.flat, fit, validation))
