@@ -36,10 +36,10 @@ def proof(rotor, name, place, **sizes):
     return SimpleNamespace(verdict="not separable", candidate=candidate, flat=flat, told=told)
 
 
-def asked(proofs, low=0.6, hold="zoh"):
+def asked(proofs, low=0.6, hold="zoh", reach=0.0):
     time = 0.05 * np.arange(241)
     torque = np.random.default_rng(1).uniform(low, 1.2, 13).repeat(20)[:241, None]
-    run = Experiment("run", time, torque, np.zeros((241, 1)), ("tau",), ("w",))
+    run = Experiment("run", time, torque, np.linspace(-reach, reach, 241)[:, None], ("tau",), ("w",))
     return Asked(proofs, (run,), hold)
 
 
@@ -63,6 +63,15 @@ def test_input_that_tells_them_apart(rotor):
     assert "CoulombFriction at rotor.flange_a | QuadraticDrag at rotor.flange_a" in text
     assert "against" in text and "daest design --rivals" in text and OTHERWISE not in text
     assert ".." not in text
+
+
+def test_machine_is_not_driven_far_beyond_what_was_seen_of_it(rotor):
+    left = [
+        proof(rotor, "CoulombFriction", "rotor.flange_a", tau_c=0.2),
+        proof(rotor, "QuadraticDrag", "rotor.flange_a", k=0.02),
+    ]
+    near, far = (computed(asked(left, low=-1.2, reach=reach), OTHERWISE) for reach in (0.1, 50.0))
+    assert "tau from -1" in far and "tau from -1" not in near
 
 
 def test_what_only_the_other_direction_tells(rotor):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from daest.diagnosis.open_loop import (
     driven_share,
     in_use,
     is_far_behind,
+    leaves_an_output,
     rivals_in_use,
     says_more_in_use,
     speaks_for,
@@ -27,7 +29,7 @@ from daest.diagnosis.open_loop import (
 from daest.diagnosis.reasons import undriven
 from daest.model.diagnosis import InUse
 from daest.model.experiment import Experiment
-from daest.model.fit import Agreement
+from daest.model.fit import Agreement, FittedNoise
 from daest.modelica.compile import compile_text
 
 
@@ -57,6 +59,24 @@ def test_a_law_that_does_nothing_is_seldom_better_in_use(memory):
     certainties = np.array([one.certainty for one in found])
     assert abs(certainties.mean()) < 0.4 and 0.7 < certainties.std() < 1.3
     assert sum(speaks_for(one, 1) for one in found) <= 2
+
+
+@pytest.mark.parametrize(
+    ("explained", "voltage", "is_left"), [(0.02, 0.144, True), (0.02, 0.05, False), (0.3, 0.144, False)]
+)
+def test_a_law_that_leaves_an_output_as_wrong_as_it_was_shows_nothing(explained, voltage, is_left):
+    def fit(*rms):
+        noises = [
+            FittedNoise(name, "measurement", std, None, "", True, None)
+            for name, std in (("iL", 0.01), ("v", 0.05))
+        ]
+        seen = Agreement({}, dict(zip(("iL", "v"), rms, strict=True)))
+        return SimpleNamespace(noises=noises, simulated={"validation": seen})
+
+    before, after = fit(0.06, 0.147), fit(0.024, voltage)
+    assert leaves_an_output(explained, after, before, after) == is_left
+    # What is noise is no error that a law could have taken away.
+    assert not leaves_an_output(0.02, after, fit(0.06, 0.052), fit(0.024, 0.051))
 
 
 def test_a_law_that_is_worse_where_it_was_fitted_is_better_elsewhere_by_chance():

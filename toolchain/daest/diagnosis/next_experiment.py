@@ -23,6 +23,7 @@ from daest.quantities import is_of
 SECONDS = 4.0  # that the search for the experiment may take
 LONGEST = 4000  # samples of a designed experiment, so that the search comes to something
 MARGIN = 0.5 * GATES.same_bic  # log-likelihood by which candidates are told apart
+BEYOND = 1.0  # times the recorded range of an output, by which an input may drive it beyond either end
 MOST = 4  # candidates that are looked at, best first
 ONE_SIDED = ("K", "Pa", "mol/m3", "kg/m3")  # units of quantities that have no other direction
 COMMAND = "daest design --rivals -o input.csv writes the input, and looks longer for a better one."
@@ -49,8 +50,10 @@ def computed(asked: Asked, otherwise: str) -> str:
     found = _designed(left, asked, limits)
     if found is not None and found.expected.value > MARGIN:
         return _said(found)
-    both = replace(limits, inputs=tuple(_both_ways(one) for one in limits.inputs))
-    wider = None if both == limits else _designed(left, asked, both)
+    both = replace(
+        limits, inputs=tuple(map(_both_ways, limits.inputs)), safe=tuple(map(_both_ways, limits.safe))
+    )
+    wider = None if both.inputs == limits.inputs else _designed(left, asked, both)
     if wider is not None and wider.expected.value > MARGIN:
         names = ", ".join(one.name for one in both.inputs)
         said = _said(wider)
@@ -90,7 +93,8 @@ def _rival(proof: Proof) -> Rival:
 
 
 def _limits(asked: Asked, flat: Model) -> Limits:
-    """What was recorded: the ranges and rates of the inputs, and the length of the longest recording."""
+    """What was recorded: the ranges and rates of the inputs, the length of the longest recording, and the
+    ranges of the outputs with room beside them."""
     experiments = asked.experiments
     period = min(e.median_step for e in experiments)
     longest = longest_duration(experiments)
@@ -102,7 +106,18 @@ def _limits(asked: Asked, flat: Model) -> Limits:
         ]
         low, high = float(min(map(np.min, values))), float(max(map(np.max, values)))
         inputs.append(Range(variable.name, variable.unit, low, high, float(max(rates)) or np.inf))
-    return Limits(tuple(inputs), min(longest, LONGEST * period), period, hold=causal_hold(asked.hold))
+    around = (_around(i, flat, experiments) for i in range(len(flat.outputs)))
+    safe = tuple(one for one in around if one.low < one.high)
+    return Limits(tuple(inputs), min(longest, LONGEST * period), period, safe, hold=causal_hold(asked.hold))
+
+
+def _around(index: int, flat: Model, experiments: Sequence[Experiment]) -> Range:
+    """The range of an output in which models of the machine are believed: what was recorded, as wide again at
+    either end. A model that runs away tells candidates apart that a machine never would."""
+    values = np.concatenate([e.outputs[:, index] for e in experiments])
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    beyond = BEYOND * (high - low)
+    return Range(flat.outputs[index].name, flat.outputs[index].unit, low - beyond, high + beyond)
 
 
 def _said(found: Design) -> str:

@@ -26,7 +26,7 @@ from daest.estimation.identify import identify
 from daest.estimation.signals import is_constant
 from daest.model.diagnosis import Candidate, InUse, Screen
 from daest.model.experiment import Experiment
-from daest.model.fit import Agreement, FitResult, IdentifyOptions, error_ratios
+from daest.model.fit import Agreement, FitResult, IdentifyOptions, error_ratios, ratios_by_output
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.numerics.statistics import autoregression
 from daest.systems.integrate import integrate, integrator
@@ -57,6 +57,23 @@ def speaks_for(used: InUse, n_own: int) -> bool:
         and used.bic(n_own) > GATES.min_bic_gain
         and used.ratio < GATES.max_clear_ratio
         and used.certainty > GATES.unseen_significance
+    )
+
+
+def leaves_an_output(explained: float, beside: FitResult, before: FitResult, after: FitResult) -> bool:
+    """Whether a law takes hardly any of the load, and leaves an output of the simulation of unseen data
+    nearly as wrong as `before`, with most of its squared error no noise, which is that of the fit `beside`
+    the loads: an offset of one sensor does a little of what any load does to it."""
+    if explained >= GATES.min_curve_explained or "validation" not in after.simulated:
+        return False
+    noise = {n.name: n.value for n in beside.noises if n.kind == "measurement"}
+    left = after.simulated["validation"].rms
+    ratios = ratios_by_output(before.simulated, after.simulated)
+    return any(
+        ratio > GATES.max_simulated_ratio
+        and noise[name] ** 2 < GATES.max_noise_share * (left[name] or np.inf) ** 2
+        for name, ratio in ratios.items()
+        if name in noise
     )
 
 

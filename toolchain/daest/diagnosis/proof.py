@@ -19,6 +19,7 @@ from daest.diagnosis.open_loop import (
     Simulated,
     errors_in_pieces,
     in_use,
+    leaves_an_output,
     rivals_in_use,
     simulated_errors,
     speaks_for,
@@ -340,7 +341,9 @@ class _Judge:
         last, used, is_shown = final or fit, InUse(), False
         if reference is not None and not against:
             used = used_by(self.fed, prepared, final, self.validation, reference)
-            is_shown = speaks_for(used, self.n_own)
+            is_shown = speaks_for(used, self.n_own) and not leaves_an_output(
+                self.explained, refit.fit, reference.fit, last
+            )
         ratios = tuple(
             error_ratios((reference.fit if reference else self.null_fit).simulated, last.simulated)
         )
@@ -566,6 +569,7 @@ def by_simulation(
     is_shown = speaks_for(used, n_own) or (
         accepted is not None and rivals_in_use(used, n_own, accepted.in_use, accepted.candidate.n_unknowns)
     )
+    is_shown = is_shown and not leaves_an_output(beside.explained, beside.fit, reference.fit, found)
     # That any lag or delay as short would do is no question of how much better the simulation is.
     refused = not is_shown or beside.is_any_dynamics
     refused = refused or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
