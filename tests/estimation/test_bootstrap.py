@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from nonlinear_models import explicit_from
+from scipy.signal import lfilter
 
 from daest.errors import DaestError, EstimationError
 from daest.estimation import bootstrap as engine
@@ -107,6 +108,29 @@ def test_process_noise_widens_the_interval_of_a_gain():
     std_error = fit.parameters[0].std_error
     assert np.std(found.estimates, ddof=1) == pytest.approx(std_error, rel=0.25)
     assert std_error > 2.0 * regression_std(record, 0.01)
+
+
+def test_noise_that_lasts_widens_the_interval_as_it_does_the_standard_error():
+    record = lag_record()
+    rng = np.random.default_rng(5)
+    slow = lfilter([1.0], [1.0, -0.9], 0.05 * rng.standard_normal(N))[:, None]
+    record = replace(record, outputs=record.outputs + slow)
+    fit = identify(lag(), [record], options())
+    found = with_bootstrap(fit, lag(), [record], options(), 60).bootstrap
+    std_error = fit.parameters[0].std_error
+    sigma = next(n.value for n in fit.noises if n.kind == "measurement")
+    assert any("account for that" in note for note in fit.notes)
+    assert np.std(found.estimates, ddof=1) == pytest.approx(std_error, rel=0.35)
+    assert std_error > 1.6 * regression_std(record, sigma)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9])
+def test_predictions_that_miss_alike_are_told(memory):
+    rng = np.random.default_rng(6)
+    record = lag_record()
+    noise = lfilter([1.0], [1.0, -memory], 0.05 * rng.standard_normal(N))[:, None]
+    fit = identify(lag(), [replace(record, outputs=record.outputs + noise)], replace(options(), method="pem"))
+    assert any("one step ahead are not white" in note for note in fit.notes) == (memory > 0.0)
 
 
 def test_refits_that_fail_are_counted_and_too_many_are_an_error(monkeypatch):

@@ -1,9 +1,10 @@
 """Parametric bootstrap of a fit: how estimates scatter over recordings that the fitted model could have made.
 
 Each recording is simulated with the inputs, initial states, noises and gaps of the measured ones, and
-identified like them, from the estimate. Percentile intervals (Efron and Tibshirani 1993, section 13.3) need
-no assumption of linearity or of the shape of the likelihood; like standard errors they take the model for
-true.
+identified like them, from the estimate. Where residuals of a simulation are coloured, the noise of an output
+is coloured like them (a sieve: Bühlmann, Bernoulli 3, 1997). Percentile intervals (Efron and Tibshirani 1993,
+section 13.3) need no assumption of linearity or of the shape of the likelihood; like standard errors they
+take the model for true.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 from daest.errors import DaestError, EstimationError
 from daest.estimation.fitted import fitted_model
 from daest.estimation.gates import FIT
+from daest.estimation.identifiability import are_coloured
 from daest.estimation.identify import identify
 from daest.estimation.profile import Tell, silent
 from daest.estimation.records import in_model_order
@@ -25,6 +27,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import Bootstrap, FitResult, IdentifyOptions
 from daest.model.flat import Dynamics, Model
 from daest.numerics.parallel import workers
+from daest.numerics.statistics import autoregression
 from daest.systems.reduce import dynamics
 from daest.systems.redundant import good_everywhere
 from daest.systems.simulate import simulate
@@ -33,14 +36,36 @@ LEVEL = 0.95
 
 
 @dataclass(frozen=True)
+class Coloured:
+    """A simulation without noise (n_samples, n_y), and the vector autoregression of what it leaves:
+    coefficients (order, n_y, n_y) and covariance (n_y, n_y) of what drives it."""
+
+    outputs: np.ndarray
+    coefficients: np.ndarray
+    cov: np.ndarray
+
+    def drawn(self, rng: np.random.Generator) -> np.ndarray:
+        """Outputs with noise of that colour, (n_samples, n_y)."""
+        n, n_y = self.outputs.shape
+        errors = rng.multivariate_normal(np.zeros(n_y), self.cov, 2 * n, method="eigh")
+        order = len(self.coefficients)
+        stacked = self.coefficients.transpose(0, 2, 1).reshape(-1, n_y)
+        for k in range(order, 2 * n):
+            errors[k] += errors[k - order : k][::-1].ravel() @ stacked
+        return self.outputs + errors[n:]  # the first half forgets that it began at rest
+
+
+@dataclass(frozen=True)
 class _Model:
-    """What every replicate needs: the model to identify, and the one that makes recordings."""
+    """What every replicate needs: the model to identify, and the one that makes recordings, with the
+    simulations of the `experiments` where what these leave is `coloured`."""
 
     flat: Model
     explicit: Dynamics
     experiments: tuple[Experiment, ...]
     fit: FitResult
     options: IdentifyOptions
+    coloured: tuple[Coloured, ...] = ()
 
 
 def with_bootstrap(
@@ -58,6 +83,7 @@ def with_bootstrap(
     """
     ordered = tuple(in_model_order(e, flat) for e in experiments)
     model = _Model(flat, _simulated_model(flat, fit), ordered, fit, _like(fit, options))
+    model = replace(model, coloured=_coloured(model))
     seeds = [int(s.generate_state(1)[0]) for s in np.random.SeedSequence(options.seed).spawn(n)]
     resampled(model, seeds[0])  # what cannot be simulated at all is said before the work begins
     done = count(1)
@@ -87,14 +113,37 @@ def with_bootstrap(
 def resampled(model: _Model, seed: int) -> list[Experiment]:
     """The recordings with outputs of the fitted model, noise included, where outputs were measured."""
     rng = np.random.default_rng(seed)
-    result = []
-    for experiment, state in zip(model.experiments, model.fit.initial_states, strict=True):
-        own = int(rng.integers(2**31))
-        outputs = simulate(
-            model.explicit, experiment, hold=model.fit.hold, x0=state.values, noise=True, seed=own
-        ).outputs
-        result.append(replace(experiment, outputs=np.where(np.isfinite(experiment.outputs), outputs, np.nan)))
-    return result
+    if model.coloured:
+        drawn = [one.drawn(rng) for one in model.coloured]
+    else:
+        drawn = [_simulated(model, i, int(rng.integers(2**31))) for i in range(len(model.experiments))]
+    return [
+        replace(experiment, outputs=np.where(np.isfinite(experiment.outputs), outputs, np.nan))
+        for experiment, outputs in zip(model.experiments, drawn, strict=True)
+    ]
+
+
+def _simulated(model: _Model, index: int, seed: int | None) -> np.ndarray:
+    """Outputs (n_samples, n_y) of the fitted model in one experiment, with noise where there is a seed."""
+    experiment, state = model.experiments[index], model.fit.initial_states[index]
+    has_noise, hold = seed is not None, model.fit.hold
+    return simulate(
+        model.explicit, experiment, hold=hold, x0=state.values, noise=has_noise, seed=seed
+    ).outputs
+
+
+def _coloured(model: _Model) -> tuple[Coloured, ...]:
+    """Of every experiment; empty where what the simulations leave is white, or the fit was one of
+    predictions, whose model has the noise of the machine."""
+    if model.fit.method != "oe":
+        return ()
+    clean = [_simulated(model, i, None) for i in range(len(model.experiments))]
+    observed = [np.isfinite(e.outputs) for e in model.experiments]
+    pairs = zip(model.experiments, observed, clean, strict=True)
+    left = [np.where(seen, e.outputs - outputs, 0.0) for e, seen, outputs in pairs]
+    if not are_coloured(left, observed):
+        return ()
+    return tuple(Coloured(one, *autoregression(errors)) for one, errors in zip(clean, left, strict=True))
 
 
 def _replicate(model: _Model, seed: int) -> np.ndarray | None:

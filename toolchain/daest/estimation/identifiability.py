@@ -3,6 +3,7 @@ parameters and of the states."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,6 +73,18 @@ def covariance(information: np.ndarray, free: np.ndarray) -> np.ndarray:
     return result
 
 
+def are_coloured(residuals: Sequence[np.ndarray], observed: Sequence[np.ndarray]) -> bool:
+    """Whether the residuals (n_samples, n_y) of any record and output are not white; missing samples
+    (observed False) are left out."""
+    columns = [
+        (one[:, j], seen[:, j])
+        for one, seen in zip(residuals, observed, strict=True)
+        for j in range(seen.shape[1])
+    ]
+    lowest = min((whiteness_p_value(*column) for column in columns), default=1.0)
+    return lowest * max(1, len(columns)) < FIT.coloured_level
+
+
 def output_error_covariance(
     parts: list[Scores],
     observed: list[np.ndarray],
@@ -89,16 +102,7 @@ def output_error_covariance(
     information = sum(np.tensordot(s.slopes, s.slopes, ((1, 2), (1, 2))) for s in parts)
     information = information * np.outer(slopes, slopes) + np.diag(prior_precision)
     inverse = covariance(information, free)
-    lowest = min(
-        (
-            whiteness_p_value(s.residuals[:, j], seen[:, j])
-            for s, seen in zip(parts, observed, strict=True)
-            for j in range(seen.shape[1])
-        ),
-        default=1.0,
-    )
-    tests = max(1, sum(seen.shape[1] for seen in observed))
-    if lowest * tests >= FIT.coloured_level:
+    if not are_coloured([s.residuals for s in parts], observed):
         return Uncertainty(inverse, False)
     moment = sum(coloured_moment(s.slopes, s.residuals) for s in parts) * np.outer(slopes, slopes)
     moment = moment + np.diag(prior_precision)

@@ -22,6 +22,7 @@ from daest.estimation.hold_search import are_steps, moving_inputs, possible_hold
 from daest.estimation.identifiability import (
     Scores,
     Uncertainty,
+    are_coloured,
     covariance,
     output_error_covariance,
     std_errors,
@@ -34,6 +35,7 @@ from daest.estimation.profile import Searched, Tell
 from daest.estimation.records import Record, make_record, observed_counts
 from daest.estimation.result import (
     COLOURED,
+    FOLLOWING,
     End,
     Told,
     agreement_of,
@@ -141,7 +143,7 @@ class LinearEnds:
             ),
             period=common_period(problem.records),
             hold=problem.hold,
-            notes=(COLOURED,) if in_z.is_coloured else (),
+            notes=_notes(problem, parts, in_z),
             unseen=unseen_directions(ss.A, ss.C, float(np.median(steps)), family.state_names),
         )
         return end, told
@@ -474,6 +476,15 @@ def _uncertainty(
     observed = [r.observed for r in problem.records]
     precision = prior_precisions(problem.unknowns)
     return output_error_covariance(parts, observed, problem.unknowns.slopes(best.z), free, precision)
+
+
+def _notes(problem: Problem, parts: list[Scores], uncertainty: Uncertainty) -> tuple[str, ...]:
+    """What is to be said of the standard errors."""
+    if uncertainty.is_coloured:
+        return (COLOURED,)
+    observed = [record.observed for record in problem.records]
+    is_following = problem.is_filtered and are_coloured([s.residuals for s in parts], observed)
+    return (FOLLOWING,) if is_following else ()
 
 
 def _open_bound(coordinate: Coordinate, z: float, variance_z: float) -> Bound | None:

@@ -12,6 +12,7 @@ from daest.estimation.gain_family import Levels
 from daest.estimation.gates import FIT
 from daest.estimation.identifiability import (
     Scores,
+    are_coloured,
     covariance,
     output_error_covariance,
     scores,
@@ -25,6 +26,7 @@ from daest.estimation.observer import AverageModel
 from daest.estimation.profile import Searched
 from daest.estimation.result import (
     COLOURED,
+    FOLLOWING,
     End,
     Told,
     agreement_of,
@@ -149,6 +151,8 @@ class NonlinearEnds:
                 notes.append(COLOURED)
         else:
             cov_z = covariance(in_z, free)
+            if are_coloured([s.residuals for s in parts], observed):
+                notes.append(FOLLOWING)
             missing = 1.0 - float(np.mean(np.concatenate(observed)))
             if np.any(setup.estimate_intensity) and missing > FIT.many_missing:
                 notes.append(TOO_LARGE.format(100.0 * missing))

@@ -30,6 +30,10 @@ from daest.model.holds import Hold
 from daest.model.parts import Parameter
 
 COLOURED = "the simulation residuals are not white; the standard errors account for that"
+FOLLOWING = (
+    "the errors one step ahead are not white, and the standard errors take them as such: they are too small; "
+    "declare the noise that acts (noise.process), or ask daest diagnose what is missing"
+)
 CUT = "no profile likelihood: the model is too unstable to be simulated from one initial state"
 
 
