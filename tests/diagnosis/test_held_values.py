@@ -10,6 +10,7 @@ from hidden_plants import INERTIA, model, rotor_record
 
 from daest.diagnosis import examine as examine_module
 from daest.diagnosis import held_values as held_values_module
+from daest.diagnosis import screen as screen_module
 from daest.diagnosis.examine import _with_values
 from daest.diagnosis.held_values import OtherValue, other_value
 from daest.diagnosis.options import DiagnoseOptions
@@ -46,6 +47,21 @@ def test_an_inertia_that_was_looked_up_wrong_is_estimated():
     assert found.text.startswith("`J`, 0.") and found.text.endswith(
         " instead of the 0.75 kg.m2 that is given"
     )
+
+
+@pytest.mark.parametrize(("share", "is_seen"), [(0.018, True), (0.0005, False)])
+def test_a_value_that_others_nearly_do_is_still_asked_for(monkeypatch, share, is_seen):
+    """Of the volume of a hydraulic motor the volume and leakage before it and the damping behind do all but
+    1.8 %, which is 14 standard errors on unseen data."""
+    stand = stand_with(1.5 * INERTIA)
+    run = run_null(stand.null)
+    projected = screen_module.projected
+
+    def nearly_done(responses, directions):
+        return projected(responses, directions)[0], np.full(len(responses), share)
+
+    monkeypatch.setattr(screen_module, "projected", nearly_done)
+    assert (value_scores(stand.null, run, ["J"])[0].score > 5.0) == is_seen
 
 
 def test_a_right_value_is_not_told():

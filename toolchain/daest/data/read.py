@@ -386,8 +386,11 @@ def _match(
 
 
 def _unknown_column(table: Table, signal: Signal, kind: str, wanted: str) -> DataError:
+    named = "" if signal.column is None else " in daest.toml"
     mapped = (
-        f" (the column named for {kind} '{signal.name}')" if wanted != signal.name else f" for that {kind}"
+        f" (the column named{named} for {kind} '{signal.name}')"
+        if wanted != signal.name
+        else f" for that {kind}" + (named and f", as it is named{named}")
     )
     if wanted in table.left_out:
         return DataError(

@@ -749,7 +749,7 @@ def value_scores(null: Null, run: NullObserver, names: Sequence[str]) -> list[Sc
     rest, share = projected(responses, directions)
     only_rescales = projected(responses, np.vstack([directions, loads_rescaled(null, run)]))[1]
     norms = np.linalg.norm(rest, axis=1)
-    seen = (np.minimum(share, only_rescales) >= GATES.absorbed_share) & (norms > 0.0)
+    seen = (np.minimum(share, only_rescales) >= GATES.absorbed_value) & (norms > 0.0)
     unit = np.where(seen[:, None], rest / np.where(norms > 0.0, norms, 1.0)[:, None], 0.0)
     z = np.where(seen, np.abs(unit @ run.whitened) / spread_under(run.whitened)(unit), 0.0)
     same = np.abs(unit @ unit.T) > GATES.same_place_correlation
