@@ -64,6 +64,13 @@ def test_a_value_that_others_nearly_do_is_still_asked_for(monkeypatch, share, is
     assert (value_scores(stand.null, run, ["J"])[0].score > 5.0) == is_seen
 
 
+def test_a_value_is_asked_for_where_errors_of_a_simulation_add_up():
+    """A wrong capacitor of a cell, whose charge adds up all errors of its current, had been a gain of that."""
+    stand = stand_with(1.5 * INERTIA)
+    adding = replace(stand, reference=replace(stand.reference, adds_up=True))
+    assert other_value(adding, run_null(stand.null)).parameter.name == "J"
+
+
 def test_a_right_value_is_not_told():
     stand = stand_with(INERTIA)
     assert other_value(stand, run_null(stand.null)) is None
@@ -177,3 +184,6 @@ def test_the_sentence_names_both_values(monkeypatch):
         stand, None, None, replace(decided, name="nothing missing"), DiagnoseOptions(), lambda _: None
     )
     assert none.name == "nothing missing" and said == ""
+    # Where errors of a simulation add up, that another value simulates better says little.
+    adding = replace(stand, reference=replace(stand.reference, adds_up=True))
+    assert _with_values(adding, None, None, decided, DiagnoseOptions(), lambda _: None) == (decided, "")

@@ -227,6 +227,8 @@ def _with_values(
     if decided.name in ("nothing missing", "parameters off") or options.is_over:
         return decided, ""
     progress("estimating what the model holds")
+    # Dead reckoning tells two models of one equation alike, and else which of two comes near.
+    adds_up = stand.reference is not None and stand.reference.adds_up
     other = None
     with suppress(OutOfTimeError), until(options.until):
         other = other_value(stand, run)
@@ -236,9 +238,9 @@ def _with_values(
     law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
     if law is None:
         near = f" Another value of {other.text}, comes near: {advice}."
-        return decided, near if other.says_much else ""
+        return decided, near if other.says_much and not adds_up else ""
     law_ratios = error_ratios(stand.told.simulated, law.told.simulated)
-    if other.puts_aside(law, stand.baseline, stand.null, law_ratios):
+    if not adds_up and other.puts_aside(law, stand.baseline, stand.null, law_ratios):
         return _by_value(decided, law, other), ""
     if not other.says_as_much_as(law, law_ratios):
         return decided, ""

@@ -81,7 +81,7 @@ def other_value(stand: Stand, run: NullObserver) -> OtherValue | None:
     null = stand.null
     tied = {name for names in stand.tied for name in names}
     names = [p.name for p in stand.declared.parameters if not (p.estimate or p.is_memory or p.name in tied)]
-    if not names or stand.reference is None or stand.reference.adds_up:
+    if not names or stand.reference is None:
         return None
     first = value_scores(null, run, names)[0]
     if first.p_value >= GATES.screen_level:
