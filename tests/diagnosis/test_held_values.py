@@ -65,7 +65,7 @@ def test_a_value_that_others_nearly_do_is_still_asked_for(monkeypatch, share, is
 
 
 def test_a_value_is_asked_for_where_errors_of_a_simulation_add_up():
-    """A wrong capacitor of a cell, whose charge adds up all errors of its current, had been a gain of that."""
+    """A wrong capacitor of a cell, whose charge adds up errors of its current, had been a gain of that."""
     stand = stand_with(1.5 * INERTIA)
     adding = replace(stand, reference=replace(stand.reference, adds_up=True))
     assert other_value(adding, run_null(stand.null)).parameter.name == "J"
