@@ -44,6 +44,7 @@ from daest.model.holds import Hold, hold_text
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.threads import one_thread
 
+MOST_SIMPLER = 2  # simpler laws that are tried in place of one
 MOST_PATHS = 2  # hypotheses that are pursued side by side
 MOST_TAKEN_UP = 2  # of those that were put aside, after an end with something missing
 OUT_OF_TIME = "The time was up"
@@ -347,7 +348,7 @@ def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _
         # What is written is fitted with the hold that the ledger tells.
         grown = _refitted(grown, grown.stand, f"refitted: {hold_text(hold)}")
     with suppress(OutOfTimeError), until(task.options.until):
-        grown = _with_kinks(task, _without_superfluous(task, grown))
+        grown = _with_kinks(task, _with_simpler(task, _without_superfluous(task, grown)))
     grown = _noted(path, grown)
     if len(grown.steps) - len(task.first) >= task.most_effects:
         return grown.ended(diagnosis, f"The limit of {task.most_effects} effects is reached.")
@@ -496,7 +497,7 @@ def _exchanged(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
         for number in _ambiguous(steps):
             former = _label(path.steps[number])
             task.progress(f"refitting with {best.candidate.label} in place of {former}")
-            other = _without(task, replace(path, steps=steps), number)
+            other = _rebuilt(task, replace(path, steps=steps), number)
             if other is not None and _is_instead(other, path):
                 said = f"supported in place of {former}, which had stood for it"
                 last = replace(other.steps[-1], remark=said)
@@ -518,15 +519,13 @@ def _ambiguous(steps: Sequence[Step]) -> list[int]:
 def _is_instead(other: _Path, path: _Path) -> bool:
     """Whether a path with as many effects takes the place of another: its last effect is accepted, it is
     likelier, and does not simulate unseen data worse."""
-    last = other.steps[-1].proof
-    is_accepted = last is not None and last.verdict != "rejected"
-    return is_accepted and other.bic < path.bic - GATES.min_bic_gain and not _is_worse(path, other)
+    return _is_accepted(other) and other.bic < path.bic - GATES.min_bic_gain and not _is_worse(path, other)
 
 
 def _without_superfluous(task: _Task, path: _Path) -> _Path:
     """The path without the effects that the last one has made superfluous, one at a time."""
     for number in _doubtful(path.steps):
-        shorter = _without(task, path, number)
+        shorter = _rebuilt(task, path, number)
         if shorter is None or shorter.bic > path.bic + GATES.min_bic_gain or _is_worse(path, shorter):
             continue
         label = _label(path.steps[number])
@@ -560,20 +559,77 @@ def _uncertain(steps: Sequence[Step], fit: FitResult) -> list[int]:
     return found
 
 
-def _without(task: _Task, path: _Path, number: int) -> _Path | None:
-    """The path built again from the model as it is, without one of its effects; None where that fails."""
-    values = path.steps[-1].fit.theta
-    shorter = _Path(task.root, task.first)
-    for step in (*path.steps[len(task.first) : number], *path.steps[number + 1 :]):
-        assert step.proof is not None
+def _with_simpler(task: _Task, path: _Path) -> _Path:
+    """The path with a law of fewer parameters in place of an earlier one of which the last effect leaves a
+    part uncertain, where the model is likelier with it: while that effect was missing, the richer law bent to
+    it, as a Stribeck curve does to a drag."""
+    for number in range(len(task.first), len(path.steps) - 1):
+        for law in _simpler_laws(path.steps[number], path.steps[-1].fit)[:MOST_SIMPLER]:
+            former = _label(path.steps[number])
+            task.progress(f"refitting with {law.candidate.label} in place of {former}")
+            other = _rebuilt(task, path, number, law)
+            if other is None or not _is_accepted(other) or other.bic > path.bic or _is_worse(path, other):
+                continue
+            said = f"{_remark(law)} in place of {former}, which had bent to {_label(path.steps[-1])}"
+            steps = list(other.steps)
+            steps[number] = replace(steps[number], remark=said)
+            return replace(other, steps=tuple(steps))
+    return path
+
+
+def _simpler_laws(step: Step, fit: FitResult) -> list[Proof]:
+    """What a step's round had refused beside its law for no more than that this is likelier, likeliest first:
+    laws of fewer parameters at the same place, where a parameter of the law is uncertain in the `fit`."""
+    if step.proof is None or step.diagnosis is None or not _is_partly_uncertain(step.proof, fit):
+        return []
+    candidate, places = step.proof.candidate, _places(step.proof)
+    simpler = [
+        proof
+        for proof in step.diagnosis.proofs
+        if proof.is_known
+        and proof.delta_bic > GATES.min_bic_gain
+        and proof.candidate.n_unknowns < candidate.n_unknowns
+        and not places.isdisjoint(_places(proof))
+    ]
+    return sorted(simpler, key=lambda proof: proof.delta_bic, reverse=True)
+
+
+def _places(proof: Proof) -> set[str]:
+    return {proof.candidate.site.name, *proof.equivalent}
+
+
+def _is_partly_uncertain(proof: Proof, fit: FitResult) -> bool:
+    """Whether an estimated parameter of the effect is not certainly off zero in the `fit`."""
+    own = proof.candidate.estimated
+    return any(
+        p.std_error is None or abs(p.value) < GATES.still_needed * p.std_error
+        for p in fit.parameters
+        if p.name in own
+    )
+
+
+def _is_accepted(path: _Path) -> bool:
+    last = path.steps[-1].proof
+    return last is not None and last.verdict != "rejected"
+
+
+def _rebuilt(task: _Task, path: _Path, number: int, instead: Proof | None = None) -> _Path | None:
+    """The path built again from the model as it is, without one of its effects or with another one `instead`;
+    None where that fails."""
+    values = {**(instead.told.theta if instead is not None else {}), **path.steps[-1].fit.theta}
+    built = _Path(task.root, task.first)
+    for at, step in enumerate(path.steps[len(task.first) :], start=len(task.first)):
+        wanted = instead if at == number else step.proof
+        if wanted is None:
+            continue
         try:
-            proof = proved_again(shorter.stand, step.proof, values)
-            stand = accept(shorter.stand, proof, task.options.jobs)
+            proof = proved_again(built.stand, wanted, values)
+            stand = accept(built.stand, proof, task.options.jobs)
         except FAILURES:
             return None
         again = replace(step, proof=proof, fit=proof.told)
-        shorter = _Path(stand, (*shorter.steps, again))
-    return shorter
+        built = _Path(stand, (*built.steps, again))
+    return built
 
 
 def _leading(paths: Sequence[_Path]) -> list[_Path]:
