@@ -70,6 +70,36 @@ end Coil;
 """
 
 
+MASSLESS = b"""model Tip
+  parameter Real d(unit = "N.m.s/rad") = 2;
+  parameter Real k(unit = "N.m/rad") = 4;
+  input Real u(unit = "rad");
+  output Real y(unit = "rad");
+  Daest.Mechanics.Rotational.Sources.Position motor(exact = true, phi_ref = u);
+  Daest.Mechanics.Rotational.Components.Spring wire(c = 3);
+  Daest.Mechanics.Rotational.Components.SpringDamper tip(c = k, d = d);
+  Daest.Mechanics.Rotational.Components.Fixed base;
+equation
+  connect(motor.flange, wire.flange_a);
+  connect(wire.flange_b, tip.flange_b);
+  connect(tip.flange_a, base.flange);
+  y = tip.phi_rel;
+end Tip;
+"""
+
+
+def test_place_without_inertia_takes_a_load_though_its_acceleration_is_told():
+    """Under white noise the acceleration that the damper tells would be noise that is differentiated."""
+    flat = compile_text(MASSLESS, Path("Tip.mo"))
+    places = load_places(flat, [s for s in sites(flat) if s.kind == "node"])
+    assert [p.names for p in places] == [("wire.flange_b",)]
+    T = 0.7
+    space = state_space(state_space_family(with_loads(flat, places, [T])), np.array([*flat.theta_values, T]))
+    response = space.C @ np.linalg.solve(2j * np.eye(len(space.A)) - space.A, space.G[:, 0])
+    # 1/(2 s + 4 + 3) times the load, T/(T s + 1) times its noise, at s = 2i
+    assert abs(response[0]) == pytest.approx(T / abs(1 + 2j * T) / abs(7 + 4j), rel=1e-6)
+
+
 @pytest.mark.parametrize("text", [COIL, re.sub(rb"\(unit = .*?\)", b"", COIL)])
 def test_a_balance_whose_domain_no_unit_tells_takes_a_load(text):
     flat = compile_text(text, Path("Coil.mo"))

@@ -370,6 +370,28 @@ def test_limit_that_the_signal_is_always_beyond_is_a_gain(name, limit, gain):
 
 
 @pytest.mark.parametrize(
+    ("name", "values", "is_shut"),
+    [
+        ("Play", {"width": 50.0}, True),  # wider than all that the signal does
+        ("Play", {"width": 0.2}, False),
+        ("DeadZone", {"width": 50.0}, True),
+        ("DeadZone", {"width": 0.2}, False),
+        ("Offset", {"b": 50.0}, False),
+        ("Gain", {"g": -1.0}, False),  # says just that
+    ],
+)
+def test_law_through_which_nothing_of_a_signal_comes_is_any_cut(name, values, is_shut):
+    stand = rubbing()
+    law = next(c for c in pairs(some_effects(name), sites(model())) if c.site.kind == "input")
+    flat = attach(stand.null.flat, law.effect, law.site, law.name, values)
+    own = {f"{law.name}.{key}": value for key, value in values.items()}
+    fit = replace(stand.baseline, theta={**stand.baseline.theta, **own})
+    grown_null = grown(stand.null, flat, reduce_index(flat), fit, stand.null.experiments)
+    said = reasons.beyond_recordings(grown_null, law, fit)
+    assert ("nothing of" in said) == is_shut, said
+
+
+@pytest.mark.parametrize(
     ("name", "values", "level", "is_straight"),
     [
         ("QuadraticGain", {"a": 0.1}, 0.0, False),
@@ -428,6 +450,8 @@ def test_readings_of_a_sensor_that_cuts_are_noise_beyond_its_limit():
     assert not reasons._moves_beyond(shown + noise, limits)
     assert not reasons._moves_beyond(np.clip(moved, -2.001, 2.001), limits), "a level that the search missed"
     assert reasons._moves_beyond(0.8 * moved + 0.2 * shown + noise, limits)
+    held = shown + 0.05 * np.sin(0.2 * np.arange(600)) * (np.abs(moved) > 2.0)
+    assert reasons._moves_beyond(held, limits), "a controller that sways about its set point"
     for other in (np.abs(moved), moved - shown, 0.0 * moved):
         assert reasons._limits(moved, other) == (-np.inf, np.inf)
 
@@ -1142,7 +1166,9 @@ def test_a_lag_that_its_simulation_shows_refuses_no_other_law(monkeypatch):
         return proving.by_simulation(stand.null, *given)
 
     lag = shown(comes_near=True)
-    assert lag.verdict == "supported" and not lag.comes_near
+    assert lag.verdict == "supported" and not lag.comes_near and not lag.inside
+    monkeypatch.setattr(proving, "same_in_machine", lambda *_: "the machine before it")
+    assert shown().inside == "the machine before it"  # of a sensor, as beside loads
     short = shown(is_any_dynamics=True)
     assert short.verdict == "rejected" and short.is_any_dynamics
 

@@ -177,31 +177,34 @@ def law(
 
 
 @pytest.mark.parametrize(
-    ("proofs", "wanted"),
+    ("proofs", "wanted", "n_leaders"),
     [
         # Refused beside loads and never simulated, and never refitted: both lead the screen in open loop.
-        ([law("friction")], ["load", "friction", "dead zone"]),
+        ([law("friction")], ["load", "friction", "dead zone"], 2),
         # What a simulation was asked for is not asked again.
-        ([law("friction", judged=80.0)], ["load", "dead zone"]),
+        ([law("friction", judged=80.0)], ["load", "dead zone"], 2),
         # What is accepted and makes the simulation of unseen data clearly better ends it; what does not, does
         # not, and neither do laws that are not told apart.
-        ([law("outlet", 0.85, verdict="supported")], None),
-        ([law("outlet", 0.95, verdict="supported"), law("friction")], ["load", "friction", "dead zone"]),
-        ([law("outlet", 0.6, verdict="not separable"), law("dead zone", 0.6, 9.0)], ["load", "friction"]),
+        ([law("outlet", 0.85, verdict="supported")], None, 2),
+        ([law("outlet", 0.95, verdict="supported"), law("friction")], ["load", "friction", "dead zone"], 2),
+        ([law("outlet", 0.6, verdict="not separable"), law("dead zone", 0.6, 9.0)], ["load", "friction"], 2),
         # What is accepted by its simulation alone has its rivals there.
-        ([law("friction", 0.6, 9.0, "supported", by_use=True)], ["load", "dead zone"]),
+        ([law("friction", 0.6, 9.0, "supported", by_use=True)], ["load", "dead zone"], 2),
         # A constant that was simulated is not, either.
-        ([law("load", judged=5.0)], ["friction", "dead zone"]),
+        ([law("load", judged=5.0)], ["friction", "dead zone"], 2),
+        # Where nothing is accepted and none leads, the first few are.
+        ([law("friction")], ["load", "friction", "dead zone", "spring"], 0),
+        ([law("outlet", 0.6, verdict="not separable"), law("friction")], ["load"], 0),
     ],
 )
 def test_leaders_in_open_loop_are_simulated_where_nothing_is_enough(
-    monkeypatch: Any, proofs: Any, wanted: Any
+    monkeypatch: Any, proofs: Any, wanted: Any, n_leaders: int
 ) -> None:
     every = [
         SimpleNamespace(candidate=SimpleNamespace(label=name, effect=name))
-        for name in ("friction", "dead zone", "load", "spring")
+        for name in ("friction", "dead zone", "load", "spring", "lag")
     ]
-    leaders = every[:2]
+    leaders = every[:n_leaders]
     # A constant comes first, though the screen in open loop cannot tell it.
     monkeypatch.setattr(course_module, "trials", lambda _, level, __: leaders if level < 1.0 else every)
     monkeypatch.setattr(course_module, "adds_a_constant", lambda effect: effect == "load")

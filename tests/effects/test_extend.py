@@ -280,6 +280,34 @@ def test_output_that_is_a_state_gets_a_variable_behind_it(tmp_path, place, says)
     }
 
 
+STORE = """\
+model Store "An output and an input with the names of what is modified in a component"
+  input Real Q(unit = "W");
+  output Real T(unit = "degC");
+  Body body(T(start = 290), final C = 300);
+equation
+  body.Q = Q;
+  T = body.T - 273.15;
+end Store;
+model Body
+  parameter Real C(unit = "J/K") = 1;
+  Real T(unit = "K");
+  Real Q(unit = "W");
+equation
+  C*der(T) = Q - (T - 290);
+end Body;
+"""
+
+
+@pytest.mark.parametrize(("place", "says"), [("T", "= body.T - 273.15"), ("Q", "body.Q = Q_used;")])
+def test_modification_of_a_component_is_no_use_of_a_signal_of_that_name(tmp_path, place, says) -> None:
+    file = tmp_path / "Store.mo"
+    file.write_text(STORE)
+    flat, effect = compile_model(file), find_effect("Signals.Offset")
+    made = extend_model(file, "Store", effect, find_site(flat, place, effect), values={"b": 2.0})
+    assert "body(T(start = 290), final C = 300)" in made.text and says in made.text, made.text
+
+
 @pytest.mark.slow  # test_inner_signals.py
 @pytest.mark.parametrize("place", ["v", *(pytest.param(p, marks=pytest.mark.slow) for p in ("u", "g"))])
 def test_several_effects_at_one_signal_follow_each_other(tmp_path, place) -> None:

@@ -237,7 +237,8 @@ class Course:
         """All laws, with those that lead the screen in open loop and that a simulation shows, where nothing
         is accepted that is enough: a load that takes any course leaves no dead zone of a pump anything to do,
         nor dry friction. Constants come first, which no screen of errors that last can tell: they count as
-        one sample there."""
+        one sample there. Where no law is accepted and none leads, the first few are simulated all the
+        same."""
         reference, used = self.stand.reference, self.screens[1]
         if used is None or reference is None or reference.simulated is None or self.options.is_over:
             return proofs
@@ -249,7 +250,10 @@ class Course:
         leaders = trials(used, GATES.in_use_level, len(used.entries))
         every = trials(used, 1.0, len(used.entries))
         constants = [trial for trial in every if adds_a_constant(trial.candidate.effect)][:MOST_CONSTANTS]
-        others = [trial for trial in leaders if not adds_a_constant(trial.candidate.effect)]
+        others = _without_constants(leaders)
+        if best is None and not others:
+            # Errors that a few steps of an input leave count as few samples: no law stands out among many.
+            others = _without_constants(every)[:MOST_IN_USE]
         judged = [p.candidate for p in proofs if p.verdict != "rejected" or p.in_use.n_independent]
         wanted = _untried([*constants, *others], judged)
         return stages.shown_by_leaders(self.stand, wanted[:MOST_IN_PIECES], proofs)
@@ -271,6 +275,11 @@ def _is_enough(best: Proof, before: FitResult) -> bool:
     ratios = error_ratios(before.simulated, best.told.simulated)
     is_better = bool(ratios) and max(ratios) <= GATES.max_clear_ratio
     return best.verdict == "supported" and not best.is_by_use and is_better
+
+
+def _without_constants(trials: Sequence[Trial]) -> list[Trial]:
+    """The trials but those of laws that add a constant."""
+    return [trial for trial in trials if not adds_a_constant(trial.candidate.effect)]
 
 
 def _untried(trials: Sequence[Trial], tried: Sequence[Candidate]) -> list[Trial]:

@@ -7,7 +7,7 @@ besides, so that a slow external load is as well described as a fast one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 
@@ -66,12 +66,9 @@ def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]
     for node in sorted(nodes, key=lambda n: n.domain in SELDOM_LOADED):
         for row in _rows(flat, node):
             rows.setdefault(row, node)
-    driven = {row: space for row in rows if (space := _driven_by(flat, row)) is not None}
-    responses = {row: _response(space) for row, space in driven.items()}
-    smooth = {row: made for row, made in responses.items() if np.any(made) and not np.any(driven[row].H)}
-    # White noise may not enter an output at once, a load of finite rate may. It does so where accelerations
-    # alone are measured, or where nothing has a state.
-    responses = smooth or {row: made for row, made in responses.items() if np.any(made)}
+    # What turns without inertia has no acceleration under white noise, and need not have one: components tell
+    # it all the same. Under a load of finite rate it has.
+    responses = _responses(flat, rows, _driven_by) or _responses(flat, rows, _loaded_at)
     if not responses:
         return ()
     table = np.array(list(responses.values()))
@@ -116,13 +113,42 @@ def _rows(flat: FlatModel, node: Site) -> list[int]:
     return resolve_place(flat, node.connectors[0] if node.kind == "node" else node.name.partition(":")[0])
 
 
+def _responses(
+    flat: FlatModel, rows: Iterable[int], driven_by: Callable[[FlatModel, int], StateSpace | None]
+) -> dict[int, np.ndarray]:
+    """`_response` to what drives each of the `rows` that reaches the outputs."""
+    driven = {row: space for row in rows if (space := driven_by(flat, row)) is not None}
+    responses = {row: made for row, space in driven.items() if np.any(made := _response(space))}
+    smooth = {row: made for row, made in responses.items() if not np.any(driven[row].H)}
+    # White noise may not enter an output at once, a load of finite rate may. It does so where accelerations
+    # alone are measured, or where nothing has a state.
+    return smooth or responses
+
+
 def _driven_by(flat: FlatModel, row: int) -> StateSpace | None:
     """State space with white noise in equation `row` alone; None where that would be differentiated."""
     w = ca.SX.sym("load")
-    residual = ca.SX(flat.residual)
+    silent = _silent(flat)
+    residual = ca.SX(silent.residual)
     residual[row] -= w
-    silent = ca.substitute(residual, flat.w, ca.SX.zeros(flat.w.numel()))
-    loaded = replace(flat, noises=(NoiseInput("load", intensity=1.0),), w=w, residual=silent)
+    return _as_space(replace(silent, noises=(NoiseInput("load", intensity=1.0),), w=w, residual=residual))
+
+
+def _loaded_at(flat: FlatModel, row: int) -> StateSpace | None:
+    """State space with a load of finite rate in equation `row` alone; None where it would be differentiated
+    twice. Its time constant [s] does not count: places are compared at each frequency."""
+    place = LoadPlace(row, (), "", next(_free_names(flat)))
+    return _as_space(with_loads(_silent(flat), [place], [1.0]))
+
+
+def _silent(flat: FlatModel) -> FlatModel:
+    """The model without noises."""
+    residual = ca.substitute(flat.residual, flat.w, ca.SX.zeros(flat.w.numel()))
+    return replace(flat, noises=(), w=ca.SX(0, 1), residual=residual)
+
+
+def _as_space(loaded: FlatModel) -> StateSpace | None:
+    """None where a noise is differentiated."""
     try:
         return state_space(state_space_family(loaded), loaded.theta_values)
     except DaestError:

@@ -603,6 +603,7 @@ def by_simulation(
         ahead=(),
         is_open=False,
         comes_near=False,
+        inside=same_in_machine(model, candidate, found),
     )
 
 

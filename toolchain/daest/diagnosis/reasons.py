@@ -30,6 +30,7 @@ LOST = (
     5.0  # log-likelihood below that of the null, which a law contains, from which a search has lost its way
 )
 ABSOLUTE_VALUE = "Daest.Effects.Signals.AbsoluteValueSensor"
+GAIN = "Daest.Effects.Signals.Gain"
 ALONG = 200  # values of a signal at which a bend of it is looked at
 PLACED = 0.5  # of what its variable reaches, from which a shape is looked for as a place along it
 
@@ -232,6 +233,27 @@ def is_history(experiments: Sequence[Experiment], candidate: Candidate, told: Fi
     return rests and bool(too_slow(experiments, candidate, told))
 
 
+def shut(model: Null, candidate: Candidate, told: FitResult) -> str:
+    """Why a law at a signal is not what its name says, where next to nothing of the signal comes through it
+    in the recordings, such as play that is wider than all that the signal does: whatever cuts the signal off
+    does the same. What a state of the law began with may come in the first half of them. Empty where
+    something comes through; a gain of nothing says just that."""
+    if not candidate.is_of_signal or candidate.effect.class_name == GAIN:
+        return ""
+    along = _along(model, candidate, told)
+    if along is None:
+        return ""
+    ends = np.cumsum([one.n_samples for one in model.experiments])
+    parts = np.split(along, ends[:-1], axis=1)
+    if candidate.effect.n_states:
+        parts = [part[:, part.shape[1] // 2 :] for part in parts]
+    moves = np.concatenate([part - np.mean(part, axis=1, keepdims=True) for part in parts], axis=1)
+    u, y = np.linalg.norm(moves, axis=1)
+    if y >= GATES.absorbed_share * u:
+        return ""
+    return f"nothing of {candidate.site.name} comes through it in the recordings, as through any cut"
+
+
 def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why a law that bends a signal at places along it, or everywhere, is not what its name says, where the
     recordings show it straight: a gain with an offset, which other parameters may be, too. Empty where it
@@ -279,8 +301,8 @@ def _readings(model: Null, candidate: Candidate) -> np.ndarray:
 
 
 def _moves_beyond(readings: np.ndarray, limits: tuple[float, float]) -> bool:
-    """Whether readings (n,) beyond the limits of what a law lets a sensor show are no noise: they spread
-    further than where a search may have missed the limits, and change little from sample to sample."""
+    """Whether readings (n,) beyond the limits of what a law lets a sensor show are no noise: they go further
+    than where a search may have missed the limits, and change little from sample to sample."""
     low, high = limits
     beyond = np.maximum(readings - high, low - readings)
     is_beyond = beyond > 0.0
@@ -289,7 +311,8 @@ def _moves_beyond(readings: np.ndarray, limits: tuple[float, float]) -> bool:
         return False
     spread = float(np.var(beyond[is_beyond]))
     steps = float(np.mean(np.diff(beyond)[pairs] ** 2)) / 2.0
-    return spread > (GATES.absorbed_share * np.std(readings)) ** 2 and steps < GATES.max_cut_noise * spread
+    reach = float(np.sqrt(np.mean(beyond[is_beyond] ** 2)))
+    return reach > GATES.absorbed_share * np.std(readings) and steps < GATES.max_cut_noise * spread
 
 
 def _tells_otherwise(bent: Null, candidate: Candidate, bend: _Bend) -> bool:
@@ -333,13 +356,20 @@ def _bend(model: Null, candidate: Candidate, told: FitResult) -> _Bend | None:
     """None for a law with states or of another place than a signal, and where nothing can be simulated."""
     if not candidate.is_of_signal or candidate.is_dynamic:
         return None
-    names = [f"{candidate.name}.{one}" for one in candidate.effect.connectors]
-    along = values_along(grown(model, model.flat, model.explicit, told, model.experiments), names)
-    if along is None or not np.all(np.isfinite(along)):
+    along = _along(model, candidate, told)
+    if along is None:
         return None
     u, change = along[0], along[1] - along[0]
     size = float(np.linalg.norm(change))
     return _Bend(u, _limits(u, along[1]), size, *_line(u, change), _tells_one(u, change))
+
+
+def _along(model: Null, candidate: Candidate, told: FitResult) -> np.ndarray | None:
+    """What goes into a law at a signal and what comes out (2, n) in the simulation of the recordings; None
+    where it cannot be simulated."""
+    names = [f"{candidate.name}.{one}" for one in candidate.effect.connectors]
+    along = values_along(grown(model, model.flat, model.explicit, told, model.experiments), names)
+    return along if along is not None and np.all(np.isfinite(along)) else None
 
 
 def _tells_one(u: np.ndarray, change: np.ndarray) -> bool:
@@ -364,7 +394,7 @@ def _tells_one(u: np.ndarray, change: np.ndarray) -> bool:
 def beyond_recordings(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why the law lies beyond what the recordings reach or show; empty where it does not."""
     reason = out_of_reach(model, candidate, told) or too_slow(model.experiments, candidate, told)
-    return reason or straight(model, candidate, told)
+    return reason or shut(model, candidate, told) or straight(model, candidate, told)
 
 
 def _is_place(parameter: EffectParameter) -> bool:

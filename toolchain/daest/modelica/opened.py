@@ -286,8 +286,8 @@ def _used_through(
 
 
 def _uses(words: Sequence[Token], name: str, declared: int) -> list[Token]:
-    """Tokens that use the variable: not its declaration, a part of another name, the name of an argument, a
-    connection or an annotation."""
+    """Tokens that use the variable: not its declaration, a part of another name, the name of an argument or
+    of what a modification `(T(start = 290))` or `(final T = 290)` is of, a connection or an annotation."""
     found: list[Token] = []
     skipped = 0  # brackets of an annotation or a connection that are open
     for i, word in enumerate(words):
@@ -295,7 +295,7 @@ def _uses(words: Sequence[Token], name: str, declared: int) -> list[Token]:
         if skipped or (word.text == "(" and before in ("annotation", "connect")):
             skipped += (word.text in OPEN) - (word.text in CLOSE)
             continue
-        is_argument = after == "=" and before in ("(", ",")
+        is_argument = after == "(" or (after == "=" and before in ("(", ",", "each", "final"))
         if word.text == name and before != "." and word.start != declared and not is_argument:
             found.append(word)
     return found
