@@ -15,7 +15,7 @@ from daest.diagnosis.disturbance import place_gains, smoothed_load
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.rounds import proved_again
 from daest.diagnosis.screen import run_null
-from daest.diagnosis.trials import Trial, prepare
+from daest.diagnosis.trials import Trial, prepare, with_kinks_bounded
 from daest.errors import EstimationError
 from daest.model.diagnosis import Ahead, Diagnosis, Screen, Step
 from daest.model.fit import Agreement
@@ -214,6 +214,65 @@ def test_effect_is_doubtful_once_no_size_of_it_is_certain():
     assert improving._doubtful([unknown, first, Step(None, beside, None, "")]) == []
     # What the recordings themselves show needs no size.
     assert improving._doubtful([asis, replace(first, diagnosis=None), after(std_error=None)]) == []
+
+
+@pytest.mark.parametrize(
+    ("std_error", "bic", "verdict", "is_taken"),
+    [
+        (0.02, -1010.0, "supported", True),
+        (0.02, -990.0, "supported", False),  # less likely with the simpler law
+        (0.02, -1010.0, "rejected", False),  # beside which the last effect is none
+        (0.001, -1010.0, "supported", False),  # all of the richer law is certain
+    ],
+)
+def test_simpler_law_takes_the_place_of_one_that_had_bent(monkeypatch, std_error, bic, verdict, is_taken):
+    """A Stribeck curve stands for dry friction and a drag; beside the drag nothing is left of its form."""
+    simple, last = proof_of("CoulombFriction"), replace(proof_of("QuadraticDrag"), verdict=verdict)
+    candidate = replace(simple.candidate, effect=next(iter(some_effects("StribeckFriction"))), name="rich")
+    rich = replace(simple, candidate=candidate)
+    own = replace(simple.fit.parameters[-1], name=candidate.estimated[1], value=0.03, std_error=std_error)
+    fit = replace(simple.fit, parameters=(own,))
+    first = Step(rich, rich.fit, found([rich, replace(simple, verdict="rejected")]), "supported")
+    steps = (Step(None, rich.fit, None, ""), first, Step(last, fit, found([last]), "supported"))
+    bent = path(-1000.0, 1.0, steps=steps)
+    other = improving._Path(bent.stand, steps)
+    monkeypatch.setattr(improving._Path, "bic", bic)
+    asked = []
+    monkeypatch.setattr(improving, "_rebuilt", lambda _, __, *which: asked.append(which) or other)
+    task = SimpleNamespace(first=steps[:1], progress=lambda _: None)
+    taken = improving._with_simpler(task, bent)
+    assert asked == ([] if std_error < 0.01 else [(1, replace(simple, verdict="rejected"))])
+    assert (taken is not bent) == is_taken
+    if is_taken:
+        assert "in place of StribeckFriction at rotor.flange_a, which had bent to QuadraticDrag" in (
+            taken.steps[1].remark
+        )
+
+
+def test_a_model_that_cannot_be_fitted_again_ends_the_improvement_and_loses_nothing(rounds, monkeypatch):
+    friction = replace(proof_of("CoulombFriction"), verdict="supported")
+
+    def fails(*_):
+        raise EstimationError("identify-no-start", "it cannot be simulated")
+
+    monkeypatch.setattr(improving, "accept", fails)
+    result, _ = rounds(lambda _: found([friction], "supported"))
+    assert [s.proof for s in result.steps] == [None]
+    assert "no further fit of the model with it ends" in result.reason
+
+
+def test_no_kink_is_fitted_that_no_recording_shows():
+    prepared = prepare(
+        rubbing().null.flat,
+        rubbing().null.estimated,
+        Trial(proof_of("CoulombFriction").candidate, (0.1,), ()),
+    )
+    (bounded,) = [
+        p
+        for p in with_kinks_bounded(prepared.flat, [prepared.trial.candidate]).parameters
+        if p.name == "hidden_CoulombFriction.w_s"
+    ]
+    assert bounded.min == pytest.approx(0.01 * 0.01) and bounded.value > bounded.min
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,7 @@ from daest.diagnosis.load_starts import QUICK, says_as_much_as_starts
 from daest.diagnosis.null import known_values, without_memory
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.rounds import accept
+from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand, begin, halved, limited, told_whole, without_noises
 from daest.diagnosis.switching import diagnose_switching
 from daest.fmu.binary_model import BinaryModel
@@ -138,7 +139,10 @@ def _behind_a_lag(
 
     def examined(lag: Proof) -> Diagnosis | None:
         progress(f"looking once more, with {lag.candidate.label} in the model")
-        beside = accept(stand, lag, options.jobs)
+        try:
+            beside = accept(stand, lag, options.jobs)
+        except FAILURES:
+            return None
         return with_lag(examine(beside, library, options, progress), told_beside(lag, stand, beside))
 
     lags = lags_in_the_way(found)

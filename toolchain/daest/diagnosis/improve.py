@@ -286,8 +286,9 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
     accepted = [proof for proof in diagnosis.proofs if proof.verdict != "rejected"]
     if not diagnosis.is_whole:
         if diagnosis.verdict == "supported" and _helps(stand.told, accepted[0]):
-            grown = _with_best(task, path, diagnosis)
-            path = path if _displaces(path, grown) else grown
+            with suppress(*FAILURES):
+                grown = _with_best(task, path, diagnosis)
+                path = path if _displaces(path, grown) else grown
         return [_late(task, replace(path, last=diagnosis), "all candidates of a round were refitted")]
     if not accepted and unmoved(stand.null.experiments, stand.validation):
         return [path.ended(diagnosis, diagnosis.message)]
@@ -303,7 +304,13 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
     hold = None if task.options.is_over else better_hold(stand, diagnosis.proofs)
     if hold is not None:
         raise _OtherHoldError(hold, diagnosis, path)
-    further = [_extended(task, path, proof, diagnosis) for proof in helpful[:MOST_PATHS]]
+    further: list[_Path] = []
+    for proof in helpful[:MOST_PATHS]:
+        with suppress(*FAILURES):
+            further.append(_extended(task, path, proof, diagnosis))
+    if not further:
+        label = helpful[0].candidate.label
+        return [path.ended(diagnosis, f"{label} is supported, but no further fit of the model with it ends.")]
     kept = [one for one in further if not _displaces(path, one)]
     for label in [_label(one.steps[-1]) for one in further if all(one is not other for other in kept)]:
         task.progress(f"{label} is taken out again")
@@ -455,7 +462,10 @@ def _beside_lag(task: _Task, path: _Path, diagnosis: Diagnosis) -> list[_Path]:
 
 def _with_lag(task: _Task, path: _Path, diagnosis: Diagnosis, lag: Proof) -> list[_Path]:
     """The paths with the lag and with what is accepted beside it; none where nothing is."""
-    beside = accept(path.stand, lag, task.options.jobs)
+    try:
+        beside = accept(path.stand, lag, task.options.jobs)
+    except FAILURES:
+        return []
     told = told_beside(lag, path.stand, beside)
     step = Step(told, told.told, diagnosis, "only together with what follows", is_unproven=True)
     grown = _continued(task, _Path(beside, (*path.steps, step)))

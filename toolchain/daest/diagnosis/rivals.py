@@ -25,7 +25,7 @@ from daest.diagnosis.proof import bic_gain
 from daest.diagnosis.reasons import unseen_scales
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.settled import FAILURES
-from daest.diagnosis.trials import SHARPER, Prepared, Trial
+from daest.diagnosis.trials import SHARPER, Prepared, Trial, with_kinks_bounded
 from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns
 from daest.estimation.identify import identify, searched
@@ -379,7 +379,7 @@ def rounded(null: Null, proofs: Sequence[Proof]) -> tuple[Prepared, ...]:
         kinks = [f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.role == "sharpness"]
         if kinks:
             trial = Trial(candidate, proof.sizes, _at_other_places(candidate, proof))
-            flat = with_equations(proof.flat, "a refit")
+            flat = with_kinks_bounded(with_equations(proof.flat, "a refit"), [candidate])
             names = (*null.estimated, *candidate.estimated, *kinks)
             # Without its parameters' worth it does not take the place of the law that it starts from.
             useless = proof.fit.log_likelihood - 0.5 * bic_gain(0.0, len(kinks), null)

@@ -22,7 +22,7 @@ from daest.diagnosis.screen import run_null
 from daest.diagnosis.search import Search
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand, quiet, reference_of
-from daest.diagnosis.trials import Trial, prepare
+from daest.diagnosis.trials import Trial, prepare, with_kinks_bounded
 from daest.diagnosis.unseen import compared, innovations, is_worse
 from daest.estimation.hold_search import with_turned
 from daest.model.diagnosis import Candidate, Proof
@@ -86,12 +86,13 @@ def with_kinks(stand: Stand, candidates: Sequence[Candidate]) -> Stand | None:
     if not kinks:
         return None
     with quiet():
-        explicit = replace(null.explicit, flat=null.flat)
-        fit = refit(null.flat, explicit, (*null.estimated, *kinks), null, validation=stand.validation)
+        flat = with_kinks_bounded(null.flat, candidates)
+        explicit = replace(null.explicit, flat=flat)
+        fit = refit(flat, explicit, (*null.estimated, *kinks), null, validation=stand.validation)
         gain = fit.log_likelihood - stand.baseline.log_likelihood
         if bic_gain(gain, len(kinks), null) < GATES.min_bic_gain:
             return None
-        model = grown(null, null.flat, explicit, fit, null.experiments)
+        model = grown(null, flat, explicit, fit, null.experiments)
         reference = reference_of(model, fit, stand.validation)
     if reference is not None and stand.reference is not None:
         ahead = compared(stand.reference.foreseen, reference.foreseen, period_of(null.experiments))

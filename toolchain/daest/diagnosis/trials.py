@@ -23,6 +23,7 @@ CUT = 0.99  # share of what is beyond the limit that a clipping sensor is taken 
 NEARLY = 0.9  # share of its full size, at first, of a law whose kinks are rounded widely
 CLIPPED_WITHIN = 0.01  # of the limit, over which its edge is rounded in the screen
 GENTLE = 0.1  # of the size by the screen, from which a search is tried again
+SHARPEST = 0.01  # of the range over which the screen rounds kinks, below which no proof rounds them
 SHARPER = 0.3  # the proof rounds kinks over this part of what the screen rounds them over
 
 
@@ -171,6 +172,21 @@ def prepare(
     values = {**candidate.shape, **sharp, **candidate.proved, **inside}
     grown = attach(flat, effect, candidate.site, candidate.name, values, candidate.inputs)
     return Prepared(trial, grown, (*estimated, *candidate.estimated))
+
+
+def with_kinks_bounded(flat: FlatModel, candidates: Sequence[Candidate]) -> FlatModel:
+    """The model with bounds below the kinks of effects that are to be fitted: far within what lies between
+    two samples recordings tell no kink from a sharper one, and integrators come to a stop at it."""
+    least = {
+        f"{c.name}.{p.name}": SHARPEST * c.shape[p.name]
+        for c in candidates
+        for p in c.effect.parameters
+        if p.role == "sharpness" and p.name in c.shape
+    }
+    parameters = tuple(
+        replace(p, min=max(least[p.name], p.min or 0.0)) if p.name in least else p for p in flat.parameters
+    )
+    return replace(flat, parameters=parameters)
 
 
 def _inside(value: float, low: float | None, high: float | None) -> float:
