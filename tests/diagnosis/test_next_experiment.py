@@ -10,6 +10,7 @@ from daest.design.effects import with_effect
 from daest.diagnosis.next_experiment import Asked, _both_ways, computed
 from daest.model.design import Range
 from daest.model.experiment import Experiment
+from daest.model.parts import Variable
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import find_effects
 from daest.modelica.sites import find_site
@@ -76,8 +77,15 @@ def test_what_only_the_other_direction_tells(rotor):
 
 @pytest.mark.parametrize(("unit", "low"), [("N.m", -470.0), ("degC", 320.0), ("mol/m3", 320.0), ("", -470.0)])
 def test_temperature_that_is_asked_for_has_no_other_direction(unit, low):
-    one = _both_ways(Range("u", unit, 320.0, 470.0, np.inf))
+    one = _both_ways(Range("u", unit, 320.0, 470.0, np.inf), Variable("u", unit))
     assert (one.low, one.high) == (low, 470.0)
+
+
+@pytest.mark.parametrize(("least", "most", "low", "high"), [(0.0, None, 0.0, 12.0), (None, 5.0, -12.0, 12.0)])
+def test_input_that_is_asked_for_keeps_within_what_the_model_declares(least, most, low, high):
+    """A wind that blows from one side; what was recorded is within the limits whatever these are."""
+    one = _both_ways(Range("u", "m/s", 4.0, 12.0, np.inf), Variable("u", "m/s", min=least, max=most))
+    assert (one.low, one.high) == (low, high)
 
 
 def test_what_no_input_tells_keeps_the_other_advice(rotor):

@@ -18,6 +18,7 @@ from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import Model
 from daest.model.holds import Hold, causal_hold
+from daest.model.parts import Variable
 from daest.quantities import is_of
 
 SECONDS = 4.0  # that the search for the experiment may take
@@ -49,7 +50,8 @@ def computed(asked: Asked, otherwise: str) -> str:
     found = _designed(left, asked, limits)
     if found is not None and found.expected.value > MARGIN:
         return _said(found)
-    both = replace(limits, inputs=tuple(_both_ways(one) for one in limits.inputs))
+    declared = {variable.name: variable for variable in left[0].flat.inputs}
+    both = replace(limits, inputs=tuple(_both_ways(one, declared[one.name]) for one in limits.inputs))
     wider = None if both == limits else _designed(left, asked, both)
     if wider is not None and wider.expected.value > MARGIN:
         names = ", ".join(one.name for one in both.inputs)
@@ -63,12 +65,15 @@ def computed(asked: Asked, otherwise: str) -> str:
     )
 
 
-def _both_ways(one: Range) -> Range:
-    """The range in both directions of zero, for a quantity that has them."""
+def _both_ways(one: Range, declared: Variable) -> Range:
+    """The range in both directions of zero, for a quantity that has them, within the `min` and `max` that
+    the model declares."""
     if any(is_of(one.unit, unit) for unit in ONE_SIDED):
         return one
     largest = max(abs(one.low), abs(one.high))
-    return replace(one, low=-largest, high=largest)
+    low = -largest if declared.min is None else max(declared.min, -largest)
+    high = largest if declared.max is None else min(declared.max, largest)
+    return replace(one, low=min(low, one.low), high=max(high, one.high))
 
 
 def _designed(left: Sequence[Proof], asked: Asked, limits: Limits) -> Design | None:
