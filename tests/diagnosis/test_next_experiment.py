@@ -89,6 +89,13 @@ def test_temperature_that_is_asked_for_has_no_other_direction(unit, low):
     assert (one.low, one.high) == (low, 470.0)
 
 
+@pytest.mark.parametrize(("least", "most", "low", "high"), [(0.0, None, 0.0, 12.0), (None, 5.0, -12.0, 12.0)])
+def test_input_that_is_asked_for_keeps_within_what_the_model_declares(least, most, low, high):
+    """A wind that blows from one side; what was recorded is within the limits whatever these are."""
+    one = _both_ways(Range("u", "m/s", 4.0, 12.0, np.inf), least, most)
+    assert (one.low, one.high) == (low, high)
+
+
 def test_what_no_input_tells_keeps_the_other_advice(rotor):
     left = [
         proof(rotor, "Offset", "tau", b=-0.2),

@@ -203,6 +203,9 @@ def test_law_that_comes_near_is_told_and_not_claimed():
     assert f"{proof.candidate.label} comes nearest" in said and "removes 20 % of their error" in said
     for verdict in ("supported", "not separable"):
         assert not nearest_in_pieces([proof, replace(proof, verdict=verdict)])
+    # A mass of nothing that swings is a sine of any origin.
+    unknown = tuple(replace(p, std_error=None) for p in proof.told.parameters)
+    assert not nearest_in_pieces([replace(proof, final=replace(proof.told, parameters=unknown))])
 
 
 def test_pieces_for_which_the_time_does_not_suffice_change_nothing(monkeypatch):

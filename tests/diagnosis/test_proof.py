@@ -1173,6 +1173,20 @@ def test_a_lag_that_its_simulation_shows_refuses_no_other_law(monkeypatch):
     assert short.verdict == "rejected" and short.is_any_dynamics
 
 
+@pytest.mark.parametrize(("unseen", "verdict"), [(0.4, "rejected"), (0.9, "supported")])
+def test_part_of_another_law_is_not_shown_by_a_simulation_that_it_leaves_most_of(
+    monkeypatch, unseen, verdict
+):
+    """A detent at one place, read as cogging: 15 % of the error, by more than chance."""
+    stand, (prepared, beside) = rubbing(), proved()
+    used = InUse(fitted=0.6, unseen=unseen, n_independent=40.0, n_unseen=30.0, certainty=5.0)
+    monkeypatch.setattr(proving, "used_by", lambda *_: used)
+    monkeypatch.setattr(proving, "weak", lambda *_: "")
+    refused = replace(beside, verdict="rejected", reason="another law acts there", is_other_law=True)
+    given = (prepared, refused, beside.final, stand.validation, stand.reference, 1)
+    assert proving.by_simulation(stand.null, *given).verdict == verdict
+
+
 @pytest.mark.parametrize(("ratio", "is_refused"), [(0.9, False), (1.1, True), (None, False)])
 def test_drift_must_drift_beside_a_constant_load_of_each_recording(monkeypatch, ratio, is_refused):
     """What simulates unseen data better since they are at another level is no drift."""
@@ -1255,7 +1269,7 @@ def misread():
     )  # fmt: skip
 
 
-def test_law_that_leaves_a_curve_which_would_say_all_is_refused():
+def test_law_that_leaves_a_curve_which_would_say_all_is_refused(monkeypatch):
     stand, run, prepared, proof = misread()
     assert proof.delta_bic > 20.0, "Coulomb friction looks very likely"
     assert proof.verdict == "rejected"
@@ -1268,6 +1282,11 @@ def test_law_that_leaves_a_curve_which_would_say_all_is_refused():
     )
     # A small rest is how a law is rounded.
     assert wrong_law(stand.null, run, prepared, fit, 100.0 * left.log_likelihood_gain, left) == ""
+    # A curve over one variable is right in the main where it says most of what is missing.
+    alone, gain = replace(left, sign_of=""), 1.5 * left.log_likelihood_gain
+    monkeypatch.setattr(reasons, "covers", lambda *_: 0.9)
+    assert wrong_law(stand.null, run, prepared, fit, gain, alone) == ""
+    assert wrong_law(stand.null, run, prepared, fit, gain, alone, says_most=False)
 
 
 @pytest.mark.parametrize(("speed", "first"), [(0.008, "CoulombFriction"), (0.03, "StribeckFriction")])

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from hidden_plants import (
 from scipy.stats import kstest, norm
 
 from daest.diagnosis import candidates as candidates_module
+from daest.diagnosis import screen as screening
 from daest.diagnosis.candidates import attachable, attached, in_shapes, pairs, with_shapes
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import loads_of
@@ -361,3 +363,37 @@ def test_candidates_that_cannot_stand_beside_each_other_are_told_apart(monkeypat
     monkeypatch.setattr(candidates_module, "explicit_at_null", explicit)
     kept, refused, _ = attachable(flat, chosen)
     assert kept == chosen[:3] and refused == ((chosen[3].label, "they depend on each other"),)
+
+
+@pytest.mark.parametrize("n_possible", [2, 3])
+def test_what_cannot_be_attached_beside_others_is_screened_in_a_further_model(monkeypatch, n_possible):
+    """A capacity at a node where every branch has got an inductance, of which no voltage is free."""
+    candidates = [SimpleNamespace(label=label) for label in "abc"]
+
+    def responding(null, run, static, pool):
+        first, *left = static
+        kept = (first,) if first in candidates[:n_possible] else ()
+        left = tuple(left if kept else static)
+        refused = tuple((c.label, "depends on others") for c in left)
+        return screening._Responding(kept, np.zeros((len(kept), 4)), refused, left)
+
+    monkeypatch.setattr(screening, "_responding", responding)
+    parts = screening._in_models(None, None, candidates, None)
+    assert [c.label for part in parts for c in part.candidates] == list("abc"[:n_possible])
+    assert [label for part in parts for label, _ in part.refused] == list("abc"[n_possible:])
+
+
+def test_candidates_are_in_as_few_models_as_can_hold_them(monkeypatch):
+    """A drop of voltage in every branch at a node leaves no place for a capacity there; some have none at
+    all."""
+    clashing = {"b": {"a"}, "c": set(), "d": {"a", "b", "c", "d"}}
+
+    def attachable(flat, some):
+        kept = []
+        for one in some:
+            if not clashing.get(one, set()) & {*kept, one}:
+                kept.append(one)
+        return tuple(kept), (), "+".join(kept)
+
+    monkeypatch.setattr(candidates_module, "attachable", attachable)
+    assert candidates_module.in_models(None, list("abcd")) == ((("a", "c"), "a+c"), (("b",), "b"))

@@ -184,6 +184,17 @@ def attachable(
     return kept, (*refused, *others), whole or explicit_at_null(flat, kept)
 
 
+def in_models(
+    flat: FlatModel, candidates: Sequence[Candidate]
+) -> tuple[tuple[tuple[Candidate, ...], ExplicitModel], ...]:
+    """The candidates in as few models as can hold them: some cannot be attached beside others. Those that
+    cannot at all are left out."""
+    kept, _, explicit = attachable(flat, candidates)
+    left = [c for c in candidates if c not in kept]
+    others = in_models(flat, left) if kept and left else ()
+    return ((kept, explicit), *others) if kept else ()
+
+
 def with_possible_values(
     candidates: Sequence[Candidate],
 ) -> tuple[tuple[Candidate, ...], tuple[tuple[str, str], ...]]:

@@ -17,6 +17,7 @@ from dataclasses import replace
 from daest.diagnosis.black_box import diagnose_black_box
 from daest.diagnosis.chosen import chosen_candidates
 from daest.diagnosis.contradicted import contradicted
+from daest.diagnosis.elsewhere import ELSEWHERE, is_apart, led_elsewhere
 from daest.diagnosis.examine import examine
 from daest.diagnosis.held_back import lag_instead, lags_in_the_way, told_beside, with_lag
 from daest.diagnosis.holds import (
@@ -91,10 +92,17 @@ def _from_inside(
     stand, limits = limited(asis, library, options)
     holds = Holds(stand, options)
 
-    def again(other: DiagnoseOptions) -> tuple[Sequence[Proof], Diagnosis]:
-        there, its_limits = limited(begin(flat, experiments, validation, other, progress), library, other)
+    def begun(other: DiagnoseOptions) -> tuple[Stand, tuple[Proof, ...]]:
+        return limited(begin(flat, experiments, validation, other, progress), library, other)
+
+    def examined(
+        other: DiagnoseOptions, there: Stand, its_limits: tuple[Proof, ...]
+    ) -> tuple[Sequence[Proof], Diagnosis]:
         second = examine(there, library, other, progress)
         return second.proofs, told_whole(second, there, its_limits)
+
+    def again(other: DiagnoseOptions) -> tuple[Sequence[Proof], Diagnosis]:
+        return examined(other, *begun(other))
 
     def held(hold: Hold) -> tuple[Sequence[Proof], Diagnosis]:
         return again(replace(options, tried=hold, near=known_values(asis.null.fit)))
@@ -117,6 +125,14 @@ def _from_inside(
     beside = _behind_a_lag(stand, found, library, options, progress)
     if beside is not None:
         return told_whole(beside, stand, limits)
+    elsewhere = led_elsewhere(stand, found, options)
+    if elsewhere is not None:
+        there, its_limits = begun(elsewhere)
+        if is_apart(there, stand):
+            progress(ELSEWHERE)
+            proofs, told = examined(elsewhere, there, its_limits)
+            if says_more(proofs, found.proofs, stand):
+                return told
     better, other = holds.better(found.proofs), unsettled_hold(stand, found)
     hold = better or other
     if hold is None or options.is_over:

@@ -83,9 +83,12 @@ def unsettled_hold(stand: Stand, found: Diagnosis) -> Hold | None:
     learned = found.learned
     if learned is not None and learned.keeps_hold and not learned.against:
         return None
-    if best_accepted(found.proofs) is not None or found.verdict in ("nothing missing", "parameters off"):
-        return None
-    return open_hold(stand.null)
+    return open_hold(stand.null) if is_unsettled(found) else None
+
+
+def is_unsettled(found: Diagnosis) -> bool:
+    """Whether something is missing, and no candidate was accepted."""
+    return best_accepted(found.proofs) is None and found.verdict not in ("nothing missing", "parameters off")
 
 
 def says_more(proofs: Sequence[Proof], first: Sequence[Proof], stand: Stand) -> bool:

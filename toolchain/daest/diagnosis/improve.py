@@ -17,6 +17,7 @@ from daest.diagnosis.candidates import fed
 from daest.diagnosis.certainty import certainty_of
 from daest.diagnosis.contradicted import contradicted
 from daest.diagnosis.diagnose import switching_case
+from daest.diagnosis.elsewhere import ELSEWHERE, is_apart, led_elsewhere
 from daest.diagnosis.examine import examine
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.held_back import lag_instead, lags_in_the_way, told_beside
@@ -122,8 +123,8 @@ def _improved(
     most_effects: int,
     progress: Progress,
 ) -> Improvement:
-    """As `improve`, of recordings that do not contradict the model; again with another hold, or with quick
-    loads, where that says more."""
+    """As `improve`, of recordings that do not contradict the model; again with another hold, with quick
+    loads, or where a simulation leads, where that says more."""
     if flat.events is not None:
         case = switching_case(flat, library, experiments, validation, options)
         return _improved_switching(_Rounds(*case, options, progress), most_effects)
@@ -159,6 +160,12 @@ def _improved(
             return quick
     if len(found.steps) > len(steps) or options.hold or options.tried or options.is_over:
         return nothing
+    elsewhere = led_elsewhere(stand, nothing.last, options)
+    if elsewhere is not None and is_apart(begin(flat, experiments, validation, elsewhere, progress), stand):
+        progress(ELSEWHERE)
+        there = _improved(flat, library, experiments, validation, elsewhere, most_effects, progress)
+        if says_more(_last_added(there), nothing.last.proofs, stand):
+            return there
     hold = better_hold(stand, nothing.last.proofs) or unsettled_hold(stand, nothing.last)
     if hold is None:
         return nothing

@@ -50,10 +50,11 @@ def computed(asked: Asked, otherwise: str) -> str:
     found = _designed(left, asked, limits)
     if found is not None and found.expected.value > MARGIN:
         return _said(found)
-    both = replace(
-        limits, inputs=tuple(map(_both_ways, limits.inputs)), safe=tuple(map(_both_ways, limits.safe))
-    )
-    wider = None if both.inputs == limits.inputs else _designed(left, asked, both)
+    declared = {one.name: (one.min, one.max) for one in left[0].flat.inputs}
+    inputs = tuple(_both_ways(one, *declared[one.name]) for one in limits.inputs)
+    safe = tuple(_both_ways(one) for one in limits.safe)
+    both = replace(limits, inputs=inputs, safe=safe)
+    wider = None if inputs == limits.inputs else _designed(left, asked, both)
     if wider is not None and wider.expected.value > MARGIN:
         names = ", ".join(one.name for one in both.inputs)
         said = _said(wider)
@@ -66,12 +67,15 @@ def computed(asked: Asked, otherwise: str) -> str:
     )
 
 
-def _both_ways(one: Range) -> Range:
-    """The range in both directions of zero, for a quantity that has them."""
+def _both_ways(one: Range, least: float | None = None, most: float | None = None) -> Range:
+    """The range in both directions of zero, for a quantity that has them, within the `least` and `most` that
+    the model declares."""
     if any(is_of(one.unit, unit) for unit in ONE_SIDED):
         return one
     largest = max(abs(one.low), abs(one.high))
-    return replace(one, low=-largest, high=largest)
+    low = -largest if least is None else max(least, -largest)
+    high = largest if most is None else min(most, largest)
+    return replace(one, low=min(low, one.low), high=max(high, one.high))
 
 
 def _designed(left: Sequence[Proof], asked: Asked, limits: Limits) -> Design | None:

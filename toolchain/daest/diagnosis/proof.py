@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -168,6 +169,17 @@ class _Told:
     is_shown: bool = False
 
 
+class _Refused(NamedTuple):
+    """Why a law is not the right one, all of it empty where it is: the `reason` that counts, that a law with
+    states only comes `near`, that a lag is `too_short` to be told, and that what it leaves is a part of what
+    an `other` law says, too."""
+
+    reason: str
+    near: str = ""
+    too_short: str = ""
+    other: str = ""
+
+
 @dataclass(frozen=True)
 class _Judge:
     """A candidate whose search has ended, and what it is judged by: the arguments of `proof_of`."""
@@ -240,7 +252,8 @@ class _Judge:
         found, candidate, explained = self.found, self.candidate, self.explained
         told = self._unlikely() or self._in_brief() or self._gated()
         left = None if told.reason else _left(self.null, self.with_effect, self.observer)
-        reason, near, too_short = (told.reason, "", "") if left is None else self._against_rest(told, left)
+        refused = _Refused(told.reason) if left is None else self._against_rest(told, left)
+        reason = refused.reason
         vague = told.vague or not_determined(candidate, told.final or told.fit, self._before, gain=found.gain)
         return Proof(
             candidate=candidate,
@@ -260,8 +273,9 @@ class _Judge:
             is_open=bool(reason) and told.is_open,
             is_vague=bool(told.vague) and reason == told.vague,
             takes_little=bool(reason) and reason == unexplained(explained, told.ratios),
-            is_any_dynamics=bool(too_short) and reason == too_short,
-            comes_near=bool(near) and reason == near,
+            is_any_dynamics=bool(refused.too_short) and reason == refused.too_short,
+            comes_near=bool(refused.near) and reason == refused.near,
+            is_other_law=bool(refused.other),
             is_known=not told.unseen_form and not vague and not self._is_before_unseen(told),
             confirmed=told.confirmed,
             adds_up=self.reference is not None and self.reference.adds_up,
@@ -417,10 +431,9 @@ class _Judge:
         adds_up = self.reference is not None and self.reference.adds_up
         return adds_up and bool(ratios) and max(ratios) <= GATES.max_adding_ratio
 
-    def _against_rest(self, told: _Told, left: FreeForm) -> tuple[str, str, str]:
-        """Why the law is not the right one by what it leaves, all reasons empty where it is: the reason that
-        counts, that a law with states only comes near, and that a lag is too short to be told."""
-        gain, reason, near, too_short = self.found.gain, "", "", ""
+    def _against_rest(self, told: _Told, left: FreeForm) -> _Refused:
+        """Why the law is not the right one by what it leaves."""
+        gain, reason, near, too_short, other = self.found.gain, "", "", "", ""
         if self.candidate.is_dynamic:
             reason = near = other_dynamics(left, gain)
             too_short = "" if reason else lag_too_short(self.null, self.candidate, told.fit)
@@ -429,8 +442,9 @@ class _Judge:
             reason = unexplained(self.explained, told.ratios)
         is_most = _is_most_of_it(self.explained, told.ratios, told.is_told, gain, left)
         if not reason and not is_most and not self._is_nearly_all(told.ratios):
-            reason = wrong_law(self.null, self.run, self.prepared, told.fit, gain, left)
-        return reason, near, too_short
+            says_most = self._says_all or not unexplained(self.explained, told.ratios)
+            reason = other = wrong_law(self.null, self.run, self.prepared, told.fit, gain, left, says_most)
+        return _Refused(reason, near, too_short, other)
 
 
 def _of_its_start(null: Null, model: Null, candidate: Candidate, reference: Reference | None) -> str:
@@ -572,6 +586,8 @@ def by_simulation(
     is_shown = is_shown and not leaves_an_output(beside.explained, beside.fit, reference.fit, found)
     # That any lag or delay as short would do is no question of how much better the simulation is.
     refused = not is_shown or beside.is_any_dynamics
+    # Better by more than chance is a part of another law, too, if it leaves most of the error.
+    refused = refused or (beside.is_other_law and used.ratio >= GATES.max_most_ratio)
     refused = refused or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
     candidate = prepared.trial.candidate
     refused = refused or bool(weak(prepared, found, reference.fit, used.gain))

@@ -470,13 +470,21 @@ def _weak_size(size: FittedParameter, null: float, least: float, certainty: floa
 
 
 def wrong_law(
-    null: Null, run: NullObserver, prepared: Prepared, fit: FitResult, gain: float, left: FreeForm
+    null: Null,
+    run: NullObserver,
+    prepared: Prepared,
+    fit: FitResult,
+    gain: float,
+    left: FreeForm,
+    says_most: bool = True,
 ) -> str:
     """Why the law is not the right one: what it leaves follows a variable, and a single curve over that
     variable would say all that the law says, too. Empty where the rest is small, unrelated, or the law of
-    something else that is missing besides; and where the law is such a curve itself and says more than the
-    rest does: then it is right but for details, which are named."""
-    if not is_significant(left, gain) or (not left.sign_of and gain > left.log_likelihood_gain):
+    something else that is missing besides; and where the law is such a curve itself, says more than the
+    rest does and `says_most` of the load or of the error: then it is right but for details, which are
+    named."""
+    is_in_the_main = says_most and not left.sign_of and gain > left.log_likelihood_gain
+    if is_in_the_main or not is_significant(left, gain):
         return ""
     try:
         response = law_response(null, run, prepared.trial.candidate, fit.theta)

@@ -311,7 +311,7 @@ def _screened(
 ) -> Screen:
     # States that effects bring beside those that the model has already leave others no place for theirs.
     groups = [[c for c in static if c.keeps_order is kept] for kept in (False, True)]
-    parts = [_responding(null, run, group, pool) for group in groups if group]
+    parts = [part for group in groups if group for part in _in_models(null, run, group, pool)]
     usable = tuple(chain.from_iterable(part.candidates for part in parts))
     refused = tuple(chain.from_iterable(part.refused for part in parts))
     if not usable and len(static) == n_all:
@@ -342,11 +342,25 @@ def _screened(
 @dataclass(frozen=True)
 class _Responding:
     """Candidates at their shapes, the `responses` (k, m) of the whitened innovations to their sizes, and what
-    cannot be attached with the reason."""
+    cannot be attached with the reason; `left` are those that cannot be beside the others."""
 
     candidates: tuple[Candidate, ...]
     responses: np.ndarray
     refused: tuple[tuple[str, str], ...]
+    left: tuple[Candidate, ...] = ()
+
+
+def _in_models(
+    null: Null, run: NullObserver, static: Sequence[Candidate], pool: Workers
+) -> list[_Responding]:
+    """What candidates do to the innovations. Those that cannot be attached beside the others, such as a
+    capacity at a node where every branch has got an inductance, are in further models."""
+    part = _responding(null, run, static, pool)
+    if not part.left or len(part.left) == len(static):
+        return [part]
+    names = {c.label for c in part.left}
+    others = tuple(pair for pair in part.refused if pair[0] not in names)
+    return [replace(part, refused=others), *_in_models(null, run, part.left, pool)]
 
 
 def _responding(null: Null, run: NullObserver, static: Sequence[Candidate], pool: Workers) -> _Responding:
@@ -359,6 +373,7 @@ def _responding(null: Null, run: NullObserver, static: Sequence[Candidate], pool
     first, filtered = null.experiments[0], run.observed[0].filtered
     states = dict(zip(run.state_names, filtered.T, strict=True))
     usable, refused, explicit = attachable(null.flat, static)
+    left = tuple(c for c in static if c not in usable)
     along_first = (explicit, first.time, states, first.inputs, run.observed[0].whitened)
     shaped = in_shapes(null.flat, usable, *along_first)
     pairs = [(c, one) for c, several in zip(usable, shaped, strict=True) for one in several]
@@ -369,7 +384,7 @@ def _responding(null: Null, run: NullObserver, static: Sequence[Candidate], pool
     in_one = _in_one_model(null, run, explicit, [pair for pair in pairs if not pair[0].effect.n_states])
     in_own = next(pool.map(called, beside, seconds=seconds)).get()
     refused = (*refused, *without_shape(usable, shaped))
-    return _in_order([one.name for _, one in pairs], (in_one, in_own), refused)
+    return replace(_in_order([one.name for _, one in pairs], (in_one, in_own), refused), left=left)
 
 
 def _may_be_sent(run: NullObserver, shaped: Sequence[Candidate]) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from daest.diagnosis.candidates import explicit_at_null
+from daest.diagnosis.candidates import in_models
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.screen import NullObserver, entries_along, projection, size_names, some_at_a_time
@@ -50,7 +50,6 @@ def _regressed(
     start would do to them. Every load counts by its size."""
     if not candidates:
         return []
-    names = [name for candidate in candidates for name in size_names(candidate)]
     n_samples, dynamics = null.experiments[0].n_samples, run.dynamics[0]
     rows = [run.state_names.index(load.name) for load in null.loads]
     weights = np.array([1.0 / load.size if load.size > 0.0 else 0.0 for load in null.loads])
@@ -71,11 +70,13 @@ def _regressed(
     (loads,), (share,) = apart(course(run.observed[0].predicted)[None])
     if share < GATES.same_slopes:  # rounding: parameters and starts do all that the loads do
         return [(0.0, ())] * len(candidates)
-    laws, result, first = apart(made(explicit_at_null(null.flat, candidates), names))[0], [], 0
-    for candidate in candidates:
-        own = laws[first : first + len(candidate.effect.sizes)].T
-        first += own.shape[1]
-        sizes = np.linalg.lstsq(own, loads, rcond=None)[0]
-        left = float(np.sum((loads - own @ sizes) ** 2) / np.sum(loads**2))
-        result.append((1.0 - left, tuple(sizes.tolist())))
-    return result
+    said: dict[str, tuple[float, tuple[float, ...]]] = {}
+    for together, explicit in in_models(null.flat, candidates):
+        laws, first = apart(made(explicit, [name for c in together for name in size_names(c)]))[0], 0
+        for candidate in together:
+            own = laws[first : first + len(candidate.effect.sizes)].T
+            first += own.shape[1]
+            sizes = np.linalg.lstsq(own, loads, rcond=None)[0]
+            left = float(np.sum((loads - own @ sizes) ** 2) / np.sum(loads**2))
+            said[candidate.name] = (1.0 - left, tuple(sizes.tolist()))
+    return [said.get(candidate.name, (0.0, ())) for candidate in candidates]

@@ -474,9 +474,10 @@ def _left_over(evidence: Evidence, proof: Proof) -> str:
 
 def nearest_in_pieces(proofs: Sequence[Proof]) -> str:
     """A sentence on the law that simulations of pieces of the records show best, where none is accepted;
-    empty where there is none."""
+    empty where there is none. One whose size nobody knows lives on how its states begin: a mass of nothing
+    that swings is a sine of any origin."""
     is_open = all(p.verdict == "rejected" for p in proofs)
-    known = [p for p in proofs if is_open and p.in_use.piece]
+    known = [p for p in proofs if is_open and p.in_use.piece and _has_known_size(p)]
     best = max(known, key=lambda p: p.in_use.bic(p.candidate.n_unknowns), default=None)
     if best is None:
         return ""
@@ -485,6 +486,12 @@ def nearest_in_pieces(proofs: Sequence[Proof]) -> str:
         f"{best.candidate.label} comes nearest ({told_values(best)}): it removes "
         f"{_removed(best.in_use.ratio)} of their error on unseen data."
     )
+
+
+def _has_known_size(proof: Proof) -> bool:
+    """Whether any size of a law has a standard error."""
+    own = {f"{proof.candidate.name}.{size.name}" for size in proof.candidate.effect.sizes}
+    return any(p.std_error is not None for p in proof.told.parameters if p.name in own)
 
 
 def _removed(ratio: float) -> str:

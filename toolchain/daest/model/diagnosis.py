@@ -325,6 +325,7 @@ class Proof:
     takes_little: bool = False  # rejected for nothing but that too much of the load is left
     is_any_dynamics: bool = False  # rejected, since any lag or delay as short as that would do
     comes_near: bool = False  # rejected, since what a lag or delay leaves is dynamic, too
+    is_other_law: bool = False  # rejected, since what it leaves follows a variable that tells all of it
     is_known: bool = True  # False: the data show too little of the law to tell it from any other
     confirmed: Confirmed = Confirmed()
     adds_up: bool = False
