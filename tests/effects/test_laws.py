@@ -105,6 +105,7 @@ OTHERS: dict[str, tuple[str, Law]] = {
         "q",
         lambda v: v["k"] * v["dp"] / np.sqrt(v["p_1"] * np.hypot(v["dp"], v["p_s"])),
     ),
+    "LaminarLine": ("q", lambda v: v["G"] * v["dp"]),
     "Leak": ("q", lambda v: -v["G"] * v["p"]),
     "MeasuredFlow": ("q", lambda v: v["k"] * v["u"]),
     "DeadZone": (
