@@ -143,6 +143,50 @@ def test_laws_of_flows_are_those_of_masses_where_masses_flow(tmp_path, effect, p
     assert {p.name: p.unit for p in attached.parameters if p.name in written} == written
 
 
+TANKS = """package Tanks "Open tanks, whose ports have a level"
+  connector Port Real h(unit = "m"); flow Real q(unit = "m3/s"); end Port;
+  model Tank Port port; parameter Real A(unit = "m2") = 0.02; Real h(unit = "m", start = 0.5);
+    equation port.h = h; A*der(h) = port.q; end Tank;
+  model Line Port a; Port b; parameter Real G(unit = "m2/s") = 1e-5;
+    equation a.q = G*(a.h - b.h); a.q + b.q = 0; end Line;
+  model Rig output Real h(unit = "m") = second.h; Tank first, second; Line line;
+    equation connect(first.port, line.a); connect(line.b, second.port);
+  end Rig;
+end Tanks;
+"""
+
+
+@pytest.mark.parametrize(
+    ("effect", "place", "units"),
+    [
+        ("Hydraulic.FreeOutlet", "second.port", {"k": "m3/s", "p_0": "m", "p_1": "m", "p_s": "m"}),
+        ("Hydraulic.Overflow", "second.port", {"k": "m3/(s.m)", "p_max": "m", "p_s": "m"}),
+        ("Hydraulic.LaminarLine", "line", {"G": "m3/(s.m)"}),
+    ],
+)
+def test_laws_of_pressures_are_those_of_levels_where_ports_have_them(tmp_path, effect, place, units):
+    file = tmp_path / "Tanks.mo"
+    file.write_text(TANKS)
+    flat, law = compile_model(file, "Tanks.Rig"), find_effect(effect)
+    site = find_site(flat, place, law)
+    assert units_at(flat, law, site) == units
+    made = extend_model(file, "Tanks.Rig", law, site, name="law", values={p.name: 1e-5 for p in law.sizes})
+    written = {p.name: p.unit for p in made.flat.parameters if p.name.startswith("law.")}
+    assert written == {f"law.{name}": unit for name, unit in units.items()}
+
+
+def test_free_outlet_empties_a_tank_by_the_root_of_its_level(tmp_path):
+    """dh/dt = -k/A*sqrt(h) where nothing else flows: the root of h falls by k/(2 A) a second."""
+    file = tmp_path / "Tanks.mo"
+    file.write_text(TANKS.replace("= 1e-5", "= 0"))
+    flat, law = compile_model(file, "Tanks.Rig"), find_effect("Hydraulic.FreeOutlet")
+    sizes = {"k": 5e-5, "p_0": 0.0, "p_s": 1e-6}
+    made = extend_model(file, "Tanks.Rig", law, find_site(flat, "second.port", law), values=sizes)
+    time = np.linspace(0.0, 200.0, 11)
+    left = simulate(made.flat, (time, np.zeros((11, 0)))).outputs[:, 0]
+    np.testing.assert_allclose(left, (np.sqrt(0.5) - 5e-5 / 0.04 * time) ** 2, rtol=1e-4)
+
+
 def test_leak_empties_a_vessel_of_gas(tmp_path):
     """dp/dt = -G*p/k where nothing else flows."""
     file = tmp_path / "Air.mo"

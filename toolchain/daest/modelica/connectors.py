@@ -22,6 +22,7 @@ DOMAINS: dict[tuple[str, str], Domain] = {
 
 NAMES: dict[Domain, tuple[str, str]] = {domain: names for names, domain in DOMAINS.items()}
 MASS_FLOW = "kg/s"  # of a gas, say: the laws are those of volume flows, with kg for m3 in their units
+LEVEL = "m"  # of a liquid: the laws are those of pressures, with m for Pa in their units
 # The same by units, for a connector that calls them otherwise.
 _UNITS: dict[tuple[str, str], Domain] = {
     ("rad", "N.m"): "rotational",
@@ -31,6 +32,7 @@ _UNITS: dict[tuple[str, str], Domain] = {
     ("degC", "W"): "thermal",
     ("Pa", "m3/s"): "hydraulic",
     ("Pa", MASS_FLOW): "hydraulic",
+    (LEVEL, "m3/s"): "hydraulic",
 }
 
 

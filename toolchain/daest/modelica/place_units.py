@@ -54,8 +54,12 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
             return {p.name: p.unit if _is_made_of(p.unit, own) else "" for p in effect.parameters}
         if balance is not None and balance.is_level(flat):
             return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
-    if site.connectors and _carries_mass(flat, site):
-        return {p.name: _of_mass(p.unit) for p in effect.parameters}
+    if site.connectors:
+        of_potential, of_flow = _units_of_connector(flat, site)
+        if of_flow == MASS_FLOW:
+            return {p.name: _of_mass(p.unit) for p in effect.parameters}
+        if site.domain == "hydraulic" and of_potential == LEVEL:
+            return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
     if site.kind == "mesh" and site.domain == "hydraulic":
         number, name = site.name.split(":", 1)
         row, flow = int(number), flat.unknown_names.index(name)
@@ -64,12 +68,12 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
     return {p.name: p.unit for p in effect.parameters}
 
 
-def _carries_mass(flat: FlatModel, site: Site) -> bool:
-    """Whether the connectors of a site carry a mass flow."""
-    if all(unknown.unit != MASS_FLOW for unknown in flat.unknowns):
-        return False
+def _units_of_connector(flat: FlatModel, site: Site) -> tuple[str, str]:
+    """The units of the potential and of the flow of the connectors of a site."""
     connector = connectors_of(flat.unknowns).get(site.connectors[0])
-    return connector is not None and flat.unknowns[connector.flow].unit == MASS_FLOW
+    if connector is None:
+        return "", ""
+    return flat.unknowns[connector.potential].unit, flat.unknowns[connector.flow].unit
 
 
 def _of_mass(unit: str) -> str:

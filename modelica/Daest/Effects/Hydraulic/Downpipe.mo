@@ -3,12 +3,12 @@ model Downpipe "Turbulent flow down into the next vessel, through a hole or a pi
   extends Daest.Hydraulic.Interfaces.PartialLine;
   parameter Real k(unit = "m3/s", min = 0) = 1e-6 "Flow at 1 Pa above the outlet"
     annotation(__Daest(estimate = true, role = "size", null = 0));
-  parameter SI.Pressure p_0 = 0 "Pressure at port_a when the liquid is no higher than the end of the outlet"
+  parameter Real p_0(unit = "Pa") = 0 "Pressure at port_a when the liquid is no higher than the end of the outlet"
     annotation(__Daest(estimate = true, role = "shape", of = "p", grid = {0.0, 0.3}));
-  parameter SI.Pressure p_s(min = 1e-12) = 1 "Pressure over which the flow begins"
+  parameter Real p_s(unit = "Pa", min = 1e-12) = 1 "Pressure over which the flow begins"
     annotation(__Daest(role = "sharpness", of = "p", grid = {0.01}));
-  parameter SI.Pressure p_1 = 1 "Unit of the pressure";
-  SI.Pressure p "Gauge pressure at port_a (= port_a.p)";
+  parameter Real p_1(unit = "Pa") = 1 "Unit of the pressure";
+  Real p(unit = "Pa") "Gauge pressure at port_a (= port_a.p)";
 equation
   p = port_a.p;
   q = k*sqrt((p - p_0 + sqrt((p - p_0)^2 + p_s^2))/(2*p_1));

@@ -3,9 +3,9 @@ model TurbulentLine "Turbulent flow from one vessel to the next"
   extends Daest.Hydraulic.Interfaces.PartialLine;
   parameter Real k(unit = "m3/s", min = 0) = 1e-6 "Flow at a pressure drop of 1 Pa"
     annotation(__Daest(estimate = true, role = "size", null = 0));
-  parameter SI.Pressure p_s(min = 1e-12) = 1 "Pressure drop over which the flow is laminar"
+  parameter Real p_s(unit = "Pa", min = 1e-12) = 1 "Pressure drop over which the flow is laminar"
     annotation(__Daest(role = "sharpness", of = "dp", grid = {0.01}));
-  parameter SI.Pressure p_1 = 1 "Unit of the pressure";
+  parameter Real p_1(unit = "Pa") = 1 "Unit of the pressure";
 equation
   q = k*dp/(p_1*sqrt(dp^2 + p_s^2))^0.5;
   annotation(
