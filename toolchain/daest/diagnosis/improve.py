@@ -362,7 +362,10 @@ def _extended(task: _Task, path: _Path, proof: Proof, diagnosis: Diagnosis) -> _
         # What is written is fitted with the hold that the ledger tells.
         grown = _refitted(grown, grown.stand, f"refitted: {hold_text(hold)}")
     with suppress(OutOfTimeError), until(task.options.until):
-        grown = _with_kinks(task, _with_simpler(task, _without_superfluous(task, grown)))
+        grown = _with_kinks(task, _without_superfluous(task, grown))
+        # Only with kinks as they are is it seen what they leave of a form.
+        simpler = _with_simpler(task, grown)
+        grown = grown if simpler is grown else _with_kinks(task, simpler)
     grown = _noted(path, grown)
     if len(grown.steps) - len(task.first) >= task.most_effects:
         return grown.ended(diagnosis, f"The limit of {task.most_effects} effects is reached.")
