@@ -18,6 +18,7 @@ from daest.diagnosis.rivals import (
     best_dynamic,
     best_simulation,
     dynamic_fits,
+    from_other_sizes,
     kinked_elsewhere,
     no_richer_ones,
     not_begun_by,
@@ -252,3 +253,26 @@ def test_dynamic_effect_in_a_circuit_with_lost_power():
     away = {"winding.J": 300.0 * null.fit.theta["winding.J"], "winding.k": 5.0 * null.fit.theta["winding.k"]}
     (found,) = best_lags(replace(null, flat=null.flat.with_theta(away)), lags)
     assert found.trial.sizes[0] == pytest.approx(lag, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("score", "gain", "asked"),
+    [
+        (9.0, 300.0, [0.05, 0.2]),
+        (3.0, 300.0, []),  # the screen saw less of it
+        (9.0, 5.0, []),  # it says hardly anything
+        (9.0, 3000.0, []),  # it is not behind
+    ],
+)
+def test_simple_law_that_ends_behind_a_richer_one_is_searched_from_other_sizes(score, gain, asked):
+    """A play of 0.06 rad had ended at 0.03, far behind soft stops."""
+
+    def law(name, n_unknowns, gain):
+        candidate = SimpleNamespace(name=name, site="shaft", n_unknowns=n_unknowns)
+        return SimpleNamespace(candidate=candidate, delta_bic=gain, sizes=(0.1,))
+
+    stops, play = law("stops", 3, 2000.0), law("play", 1, gain)
+    scored = [SimpleNamespace(candidate=stops.candidate, score=5.0)]
+    scored += [SimpleNamespace(candidate=play.candidate, score=score)]
+    found = from_other_sizes(stops, SimpleNamespace(entries=scored), [stops, play])
+    assert [trial.sizes[0] for trial in found] == pytest.approx(asked)

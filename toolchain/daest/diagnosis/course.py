@@ -28,6 +28,7 @@ from daest.diagnosis.reasons import is_significant
 from daest.diagnosis.rivals import (
     DynamicFits,
     best_dynamic,
+    from_other_sizes,
     kinked_elsewhere,
     no_richer_ones,
     not_begun_by,
@@ -190,7 +191,8 @@ class Course:
         best = best_accepted(ranked(proofs))
         if best is not None:
             proofs += stages.proved(stages.prepared(signal_laws(best, found, proofs)), ())[0]
-            return proofs
+            again = stages.proved(stages.prepared(from_other_sizes(best, found, proofs)), ())[0]
+            return _with_second_tries(proofs, again)
         held = with_held_shapes(self.stand.null, proofs)
         again = stages.proved([] if held is None else [held], ())[0]
         accepted = {p.candidate.name: p for p in again if p.verdict != "rejected"}

@@ -43,6 +43,7 @@ from daest.systems.state_space import state_space_family
 
 MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
+OTHER_SIZES = (0.5, 2.0)  # times that of a refit, from which it is searched again
 MOST_SIMPLER = 2
 MOST_ROUNDED = 2  # laws at other places
 ITERATIONS = 15
@@ -538,6 +539,27 @@ def simpler_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[T
         if entry.candidate.effect.class_name not in known and not entry.absorbed
     ]
     return tuple(found[:MOST_SIMPLER])
+
+
+def from_other_sizes(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
+    """Laws with fewer parameters than the accepted `best` at its place, of which the screen saw more and
+    whose refits have ended behind it, once more from other sizes: a play has an optimum at half its width,
+    where soft stops take its place."""
+    scores = {entry.candidate.name: entry.score for entry in screen.entries}
+    own = best.candidate
+    behind = [
+        proof
+        for proof in tried
+        if proof.candidate.site == own.site
+        and proof.candidate.n_unknowns < own.n_unknowns
+        and GATES.min_bic_gain < proof.delta_bic < best.delta_bic
+        and scores.get(proof.candidate.name, 0.0) > scores.get(own.name, 0.0)
+    ]
+    return tuple(
+        Trial(proof.candidate, tuple(factor * size for size in proof.sizes), ())
+        for proof in behind[:MOST_SIMPLER]
+        for factor in OTHER_SIZES
+    )
 
 
 def signal_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
