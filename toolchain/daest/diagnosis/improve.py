@@ -418,7 +418,8 @@ def _refitted(path: _Path, stand: Stand, remark: str) -> _Path:
     if not_determined(last.proof.candidate, stand.told, before, gain=gain):
         remark += ", with which the data determine none of its parameters"
     proof = replace(last.proof, flat=stand.null.flat, fit=stand.baseline, final=stand.told)
-    step = replace(last, proof=proof, fit=stand.told, remark=f"{last.remark}; {remark}")
+    said = last.remark if last.remark.endswith(remark) else f"{last.remark}; {remark}"
+    step = replace(last, proof=proof, fit=stand.told, remark=said)
     return replace(path, stand=stand, steps=(*path.steps[:-1], step))
 
 
