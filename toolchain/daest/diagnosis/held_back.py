@@ -33,13 +33,15 @@ def lags_in_the_way(found: Diagnosis) -> list[Proof]:
     """The refused lags of signals, with as few states as any and the likeliest first, beside which a refused
     law of another kind may be accepted: such a lag makes the recordings likelier than any law does, and what
     it leaves follows a variable or was not looked at, since it foresees unseen data worse, or the simulation
-    of these is far better with a law, or far from them with the lag. Empty where something is accepted, or
-    there is no such lag."""
-    if any(proof.verdict != "rejected" for proof in found.proofs):
+    of these is far better with a law, or far from them with the lag. Empty where something is accepted, but
+    for what its simulation alone shows and leaves far from the noise, or there is no such lag."""
+    accepted = [proof for proof in found.proofs if proof.verdict != "rejected"]
+    if not all(proof.is_by_use and _leaves_errors(proof) for proof in accepted):
         return []
-    laws = [p for p in found.proofs if not p.candidate.is_dynamic]
+    # By its simulation a law is likelier than that of the model, and not than a lag beside loads.
+    laws = [p for p in found.proofs if not p.candidate.is_dynamic and not p.is_by_use]
     least = max((p.delta_bic for p in laws), default=0.0)
-    is_shown = any(_is_shown(found, p) for p in laws)
+    is_shown = bool(accepted) or any(_is_shown(found, p) for p in laws)
     likely = [
         p
         for p in found.proofs

@@ -304,6 +304,9 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
         if other is not None:
             return [other]
         return _beside_lag(task, path, diagnosis) or [path.ended(diagnosis, diagnosis.message)]
+    beside = _beside_lag(task, path, diagnosis)
+    if beside:
+        return beside
     helpful = [proof for proof in accepted if _helps(stand.told, proof)]
     if not helpful:
         labels = accepted[0].candidate.label
