@@ -34,9 +34,10 @@ def lags_in_the_way(found: Diagnosis) -> list[Proof]:
     law of another kind may be accepted: such a lag makes the recordings likelier than any law does, and what
     it leaves follows a variable or was not looked at, since it foresees unseen data worse, or the simulation
     of these is far better with a law, or far from them with the lag. Empty where something is accepted, but
-    for what its simulation alone shows and leaves far from the noise, or there is no such lag."""
+    for a law of another kind that its simulation alone shows and that leaves errors far from the noise, or
+    there is no such lag."""
     accepted = [proof for proof in found.proofs if proof.verdict != "rejected"]
-    if not all(proof.is_by_use and _leaves_errors(proof) for proof in accepted):
+    if not all(proof.is_by_use and _leaves_errors(proof) and not _is_late(proof) for proof in accepted):
         return []
     # By its simulation a law is likelier than that of the model, and not than a lag beside loads.
     laws = [p for p in found.proofs if not p.candidate.is_dynamic and not p.is_by_use]
@@ -45,8 +46,7 @@ def lags_in_the_way(found: Diagnosis) -> list[Proof]:
     likely = [
         p
         for p in found.proofs
-        if p.candidate.is_dynamic
-        and p.candidate.is_of_signal
+        if _is_late(p)
         and p.delta_bic > max(least, GATES.min_told_bic_gain)
         and (is_shown or _leaves_a_form(p) or _leaves_errors(p))
     ]
@@ -71,6 +71,11 @@ def lag_instead(stand: Stand, others: Sequence[Proof], law: Proof, options: Diag
     best = max(found, key=lambda one: one[0], default=None)
     gain = 0.0 if best is None else 2.0 * (best[0] - law.fit.log_likelihood)
     return best[1] if best is not None and gain > GATES.min_bic_gain else None
+
+
+def _is_late(proof: Proof) -> bool:
+    """Whether a law tells that a signal comes late, itself."""
+    return proof.candidate.is_dynamic and proof.candidate.is_of_signal
 
 
 def _leaves_a_form(proof: Proof) -> bool:
