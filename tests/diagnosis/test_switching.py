@@ -48,7 +48,7 @@ LOADED = """model Loaded "A speed under a sampled controller and a white load"
   parameter Real d = 0.5;
   input Real r;
   input Real load annotation(__Daest(noise = true, intensity = 0.02));
-  output Real w annotation(__Daest(std = 0.02));
+  output Real w annotation(__Daest(std = 0.02, estimate = false));
   discrete Real u(start = 0, fixed = true);
 initial equation
   w = 0;
