@@ -87,7 +87,7 @@ WRITTEN_OUT = {
 
 
 @pytest.mark.parametrize(
-    "form", [pytest.param(f, marks=() if f == "rate" else pytest.mark.slow) for f in WRITTEN_OUT]
+    "form", [pytest.param(f, marks=pytest.mark.slow if f == "product" else ()) for f in WRITTEN_OUT]
 )
 @pytest.mark.parametrize(
     ("class_name", "values", "expected"),

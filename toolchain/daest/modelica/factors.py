@@ -212,6 +212,8 @@ def _written(one: ca.SX, names: dict[int, str]) -> tuple[str, int] | None:
         return f"{a if left >= own else f'({a})'}{spaced}{b if is_tight else f'({b})'}", own
     (a, inner) = known[0]
     tight = a if inner > _PRODUCT else f"({a})"
+    if one.op() == ca.OP_NEG:
+        return f"(-{tight})", _POWER
     if one.op() == ca.OP_SQ:
         return f"{tight}^2", _PRODUCT
     if one.op() == ca.OP_INV:
