@@ -122,27 +122,6 @@ end Air;
 """
 
 
-@pytest.mark.parametrize(
-    ("effect", "place", "units"),
-    [
-        ("Hydraulic.Leak", "second.port", {"G": "kg/(s.Pa)"}),
-        ("Hydraulic.Orifice", "line.a", {"k": "Pa.s2/kg2", "q_s": "kg/s"}),
-        ("Hydraulic.TurbulentLine", "line", {"k": "kg/s", "p_1": "Pa", "p_s": "Pa"}),
-    ],
-)
-def test_laws_of_flows_are_those_of_masses_where_masses_flow(tmp_path, effect, place, units):
-    file = tmp_path / "Air.mo"
-    file.write_text(AIR)
-    flat, law = compile_model(file, "Air.Rig"), find_effect(effect)
-    site = find_site(flat, place, law)
-    assert units_at(flat, law, site) == units
-    made = extend_model(file, "Air.Rig", law, site, name="law", values={p.name: 1e-9 for p in law.sizes})
-    written = {p.name: p.unit for p in made.flat.parameters if p.name.startswith("law.")}
-    assert written == {f"law.{name}": unit for name, unit in units.items()}
-    attached = attach(flat, law, site, name="law", values={p.name: 1e-9 for p in law.sizes})
-    assert {p.name: p.unit for p in attached.parameters if p.name in written} == written
-
-
 TANKS = """package Tanks "Open tanks, whose ports have a level"
   connector Port Real h(unit = "m"); flow Real q(unit = "m3/s"); end Port;
   model Tank Port port; parameter Real A(unit = "m2") = 0.02; Real h(unit = "m", start = 0.5);
@@ -157,22 +136,29 @@ end Tanks;
 
 
 @pytest.mark.parametrize(
-    ("effect", "place", "units"),
+    ("text", "effect", "place", "units"),
     [
-        ("Hydraulic.FreeOutlet", "second.port", {"k": "m3/s", "p_0": "m", "p_1": "m", "p_s": "m"}),
-        ("Hydraulic.Overflow", "second.port", {"k": "m3/(s.m)", "p_max": "m", "p_s": "m"}),
-        ("Hydraulic.LaminarLine", "line", {"G": "m3/(s.m)"}),
+        (AIR, "Hydraulic.Leak", "second.port", {"G": "kg/(s.Pa)"}),
+        (AIR, "Hydraulic.Orifice", "line.a", {"k": "Pa.s2/kg2", "q_s": "kg/s"}),
+        (AIR, "Hydraulic.TurbulentLine", "line", {"k": "kg/s", "p_1": "Pa", "p_s": "Pa"}),
+        (TANKS, "Hydraulic.FreeOutlet", "second.port", {"k": "m3/s", "p_0": "m", "p_1": "m", "p_s": "m"}),
+        (TANKS, "Hydraulic.Overflow", "second.port", {"k": "m3/(s.m)", "p_max": "m", "p_s": "m"}),
+        (TANKS, "Hydraulic.LaminarLine", "line", {"G": "m3/(s.m)"}),
     ],
 )
-def test_laws_of_pressures_are_those_of_levels_where_ports_have_them(tmp_path, effect, place, units):
-    file = tmp_path / "Tanks.mo"
-    file.write_text(TANKS)
-    flat, law = compile_model(file, "Tanks.Rig"), find_effect(effect)
+def test_laws_of_flows_are_those_of_what_ports_carry(tmp_path, text, effect, place, units):
+    """Of masses where these flow, and of levels in place of pressures."""
+    rig = "Air.Rig" if text is AIR else "Tanks.Rig"
+    file = tmp_path / "Rig.mo"
+    file.write_text(text)
+    flat, law = compile_model(file, rig), find_effect(effect)
     site = find_site(flat, place, law)
     assert units_at(flat, law, site) == units
-    made = extend_model(file, "Tanks.Rig", law, site, name="law", values={p.name: 1e-5 for p in law.sizes})
+    made = extend_model(file, rig, law, site, name="law", values={p.name: 1e-9 for p in law.sizes})
     written = {p.name: p.unit for p in made.flat.parameters if p.name.startswith("law.")}
     assert written == {f"law.{name}": unit for name, unit in units.items()}
+    attached = attach(flat, law, site, name="law", values={p.name: 1e-9 for p in law.sizes})
+    assert {p.name: p.unit for p in attached.parameters if p.name in written} == written
 
 
 def test_free_outlet_empties_a_tank_by_the_root_of_its_level(tmp_path):

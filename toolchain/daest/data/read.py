@@ -386,12 +386,10 @@ def _match(
 
 
 def _unknown_column(table: Table, signal: Signal, kind: str, wanted: str) -> DataError:
-    named = "" if signal.column is None else " in daest.toml"
-    mapped = (
-        f" (the column named{named} for {kind} '{signal.name}')"
-        if wanted != signal.name
-        else f" for that {kind}" + (named and f", as it is named{named}")
-    )
+    if wanted != signal.name:
+        mapped = f" (the column named in daest.toml for {kind} '{signal.name}')"
+    else:
+        mapped = f" for that {kind}" + ("" if signal.column is None else ", as it is named in daest.toml")
     if wanted in table.left_out:
         return DataError(
             "data-unknown-column",

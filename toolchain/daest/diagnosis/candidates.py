@@ -17,7 +17,8 @@ from daest.model.effects import Effect, EffectParameter, Placement, Site
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.modelica.attach import attach_all, check_values
-from daest.modelica.balances import LEVEL, domain_of
+from daest.modelica.balances import domain_of
+from daest.modelica.connectors import LEVEL
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import fits
 from daest.numerics.evaluator import along

@@ -37,7 +37,9 @@ def lags_in_the_way(found: Diagnosis) -> list[Proof]:
     for a law of another kind that its simulation alone shows and that leaves errors far from the noise, or
     there is no such lag."""
     accepted = [proof for proof in found.proofs if proof.verdict != "rejected"]
-    if not all(proof.is_by_use and _leaves_errors(proof) and not _is_late(proof) for proof in accepted):
+    if not all(
+        proof.is_by_use and _leaves_errors(proof) and not _is_dynamics_of_signal(proof) for proof in accepted
+    ):
         return []
     # By its simulation a law is likelier than that of the model, and not than a lag beside loads.
     laws = [p for p in found.proofs if not p.candidate.is_dynamic and not p.is_by_use]
@@ -46,7 +48,7 @@ def lags_in_the_way(found: Diagnosis) -> list[Proof]:
     likely = [
         p
         for p in found.proofs
-        if _is_late(p)
+        if _is_dynamics_of_signal(p)
         and p.delta_bic > max(least, GATES.min_told_bic_gain)
         and (is_shown or _leaves_a_form(p) or _leaves_errors(p))
     ]
@@ -73,8 +75,8 @@ def lag_instead(stand: Stand, others: Sequence[Proof], law: Proof, options: Diag
     return best[1] if best is not None and gain > GATES.min_bic_gain else None
 
 
-def _is_late(proof: Proof) -> bool:
-    """Whether a law tells that a signal comes late, itself."""
+def _is_dynamics_of_signal(proof: Proof) -> bool:
+    """Whether a law brings a signal dynamics of its own, such as a lag."""
     return proof.candidate.is_dynamic and proof.candidate.is_of_signal
 
 

@@ -122,13 +122,14 @@ def _improved(
     options: DiagnoseOptions,
     most_effects: int,
     progress: Progress,
+    begun: Stand | None = None,
 ) -> Improvement:
-    """As `improve`, of recordings that do not contradict the model; again with another hold, with quick
-    loads, or where a simulation leads, where that says more."""
+    """As `improve`, of recordings that do not contradict the model, from where it has `begun`; again with
+    another hold, with quick loads, or where a simulation leads, where that says more."""
     if flat.events is not None:
         case = switching_case(flat, library, experiments, validation, options)
         return _improved_switching(_Rounds(*case, options, progress), most_effects)
-    asis = begin(flat, experiments, validation, options, progress)
+    asis = begun or begin(flat, experiments, validation, options, progress)
     stand, limits = limited(asis, library, options)
     steps = [Step(None, asis.told, None, "the model as it is")]
     steps += [
@@ -161,11 +162,13 @@ def _improved(
     if len(found.steps) > len(steps) or options.hold or options.tried or options.is_over:
         return nothing
     elsewhere = led_elsewhere(stand, nothing.last, options)
-    if elsewhere is not None and is_apart(begin(flat, experiments, validation, elsewhere, progress), stand):
-        progress(ELSEWHERE)
-        there = _improved(flat, library, experiments, validation, elsewhere, most_effects, progress)
-        if says_more(_last_added(there), nothing.last.proofs, stand):
-            return there
+    if elsewhere is not None:
+        there = begin(flat, experiments, validation, elsewhere, progress)
+        if is_apart(there, stand):
+            progress(ELSEWHERE)
+            led = _improved(flat, library, experiments, validation, elsewhere, most_effects, progress, there)
+            if says_more(_last_added(led), nothing.last.proofs, stand):
+                return led
     hold = better_hold(stand, nothing.last.proofs) or unsettled_hold(stand, nothing.last)
     if hold is None:
         return nothing

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
+from daest.modelica.connectors import LEVEL
 from daest.numerics.matching import maximum_matching
 from daest.quantities import Conversion, conversion, converts, dimensions, is_of, parse_unit
 
@@ -27,7 +28,6 @@ DOMAINS: dict[str, Domain] = {
     "V": "electrical",
 }
 _ANGLES = ("rad", "mrad", "deg", "turn", "rpm")  # one of them makes a rate of turning of what is once a time
-LEVEL = "m"  # of a liquid, where flows or areas stand in the equation; else a position
 _VOLUME_FLOW = {"[length]": 3.0, "[time]": -1.0}
 _AREA = {"[length]": 2.0}
 _MECHANICAL: tuple[Domain, ...] = ("translational", "rotational")

@@ -22,7 +22,7 @@ DOMAINS: dict[tuple[str, str], Domain] = {
 
 NAMES: dict[Domain, tuple[str, str]] = {domain: names for names, domain in DOMAINS.items()}
 MASS_FLOW = "kg/s"  # of a gas, say: the laws are those of volume flows, with kg for m3 in their units
-LEVEL = "m"  # of a liquid: the laws are those of pressures, with m for Pa in their units
+LEVEL = "m"  # of a liquid, beside flows or areas: the laws are those of pressures, with m for Pa
 # The same by units, for a connector that calls them otherwise.
 _UNITS: dict[tuple[str, str], Domain] = {
     ("rad", "N.m"): "rotational",

@@ -11,8 +11,8 @@ import numpy as np
 
 from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
-from daest.modelica.balances import DOMAINS, LEVEL, Balance, balances, base_unit
-from daest.modelica.connectors import MASS_FLOW, connectors_of
+from daest.modelica.balances import DOMAINS, Balance, balances, base_unit
+from daest.modelica.connectors import LEVEL, MASS_FLOW, connectors_of
 from daest.modelica.factors import ONE, Entry, are_same, divisors, factors, is_of_parameters
 from daest.quantities import conversion, dimensions, is_of
 
@@ -54,11 +54,11 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
             return {p.name: p.unit if _is_made_of(p.unit, own) else "" for p in effect.parameters}
         if balance is not None and balance.is_level(flat):
             return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
-    if site.connectors:
+    if site.connectors and site.domain == "hydraulic":
         of_potential, of_flow = _units_of_connector(flat, site)
         if of_flow == MASS_FLOW:
             return {p.name: _of_mass(p.unit) for p in effect.parameters}
-        if site.domain == "hydraulic" and of_potential == LEVEL:
+        if of_potential == LEVEL:
             return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
     if site.kind == "mesh" and site.domain == "hydraulic":
         number, name = site.name.split(":", 1)
