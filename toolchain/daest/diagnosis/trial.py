@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from daest.estimation.fitted import fitted_model
-from daest.estimation.signals import fit_percent
+from daest.estimation.signals import fit_percent, white_part
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult
@@ -94,17 +94,17 @@ def agreement(flat: Model, experiments: Sequence[Experiment], outputs: Sequence[
     outputs ŷ (n_samples, n_y) per experiment."""
     fits: dict[str, float | None] = {}
     rms: dict[str, float | None] = {}
+    white: dict[str, float | None] = {}
     for j, output in enumerate(flat.outputs):
-        error, count = 0.0, 0
-        for experiment, simulated in zip(experiments, outputs, strict=True):
-            y = experiment.outputs[:, j]
-            seen = np.isfinite(y)
-            error += float(np.sum((y - simulated[:, j])[seen] ** 2))
-            count += int(seen.sum())
-        known = count > 0 and np.isfinite(error)
-        rms[output.name] = float(np.sqrt(error / count)) if known else None
-        fits[output.name] = fit_percent((e.outputs[:, j] for e in experiments), error) if known else None
-    return Agreement(fits, rms)
+        measured = [e.outputs[:, j] for e in experiments]
+        errors = [y - simulated[:, j] for y, simulated in zip(measured, outputs, strict=True)]
+        seen = np.concatenate([error[np.isfinite(y)] for y, error in zip(measured, errors, strict=True)])
+        error = float(np.sum(seen**2))
+        known = seen.size > 0 and np.isfinite(error)
+        rms[output.name] = float(np.sqrt(error / seen.size)) if known else None
+        fits[output.name] = fit_percent(measured, error) if known else None
+        white[output.name] = white_part(measured, errors) if known else None
+    return Agreement(fits, rms, white)
 
 
 def inputs_and_slopes(explicit: Dynamics, experiment: Experiment, hold: Hold) -> np.ndarray:

@@ -15,6 +15,8 @@ from daest.diagnosis.null import Null
 from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.unseen import is_likelier, is_silent
+from daest.estimation.gates import FIT
+from daest.estimation.signals import still_share
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Screened, Unproved, VerdictName
 from daest.model.effects import Domain
 from daest.model.fit import Agreement, FitResult, error_ratios, ratios_by_output
@@ -464,11 +466,31 @@ def _left_over(evidence: Evidence, proof: Proof) -> str:
     after = _told(evidence, proof)[1]
     ratios = ratios_by_output(after.one_step, after.simulated)
     name = max(ratios, key=ratios.__getitem__, default="")
-    if proof.adds_up or not name or not GATES.told_rest <= ratios[name] < np.inf:
+    if proof.adds_up:
+        return ""
+    if name and GATES.told_rest <= ratios[name] < np.inf:
+        return (
+            f" What a simulation leaves of {name} is {ratios[name]:.2g} times its error one sample ahead: "
+            "something else is missing, or acts besides."
+        )
+    return _lasting(after)
+
+
+def _lasting(after: FitResult) -> str:
+    """A sentence on the output whose errors in a simulation of unseen data last longest; empty where none
+    do. The error one sample ahead says nothing of it where no load can take the place of what is missing: the
+    noise of the sensor then stands for it."""
+    seen = after.simulated.get("validation")
+    if seen is None:
+        return ""
+    pairs = ((name, seen.rms.get(name), white) for name, white in seen.white.items())
+    ratios = {name: rms / white for name, rms, white in pairs if rms and white}
+    name = max(ratios, key=ratios.__getitem__, default="")
+    if not name or ratios[name] < GATES.told_rest:
         return ""
     return (
-        f" What a simulation leaves of {name} is {ratios[name]:.2g} times its error one sample ahead: "
-        "something else is missing, or acts besides."
+        f" What a simulation leaves of {name} lasts: it is {ratios[name]:.2g} times its part without memory, "
+        "so that something else is missing, or acts besides, or the noise of that sensor is slow."
     )
 
 
@@ -770,15 +792,9 @@ def _is_coloured(loads: Loads) -> bool:
         whiteness_p_value(o.whitened[:, j], np.isfinite(o.whitened[:, j]))
         for experiment, o in zip(loads.null.experiments, loads.run.observed, strict=True)
         for j in range(o.whitened.shape[1])
-        if _still_share(experiment.outputs[:, j]) < GATES.max_still
+        if still_share(experiment.outputs[:, j]) < FIT.max_still
     ]
     return bool(p_values) and min(p_values) * len(p_values) < GATES.white_level
-
-
-def _still_share(values: np.ndarray) -> float:
-    """Of the measured values (n,), those that are exactly the one before."""
-    known = values[np.isfinite(values)]
-    return float(np.mean(np.diff(known) == 0.0)) if known.size > 1 else 0.0
 
 
 def _load_places(loads: Loads) -> str:

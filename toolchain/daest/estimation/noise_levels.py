@@ -22,6 +22,7 @@ from daest.estimation.observer import AverageModel, Observer, average_model, obs
 from daest.estimation.search import Evaluation, Found
 from daest.estimation.setup import Setup
 from daest.estimation.shooting import Cut
+from daest.estimation.signals import white_variance
 from daest.estimation.trajectories import Errors, TrajectoryProblem, prediction_errors
 from daest.systems.integrate import interval_inputs
 
@@ -285,7 +286,7 @@ def _rough_std(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
     """The white part of the simulation errors, from second differences of the samples that are there."""
     errors = prediction_errors(problem, z)
     assert errors is not None
-    fine = np.sqrt([_white_variance([e[np.isfinite(e)] for e in column]) for column in _columns(errors)])
+    fine = np.sqrt([white_variance(column) for column in _columns(errors)])
     whole = np.sqrt(np.diagonal(errors.covariance))
     return np.where(np.isfinite(fine) & (fine > 0.0), np.minimum(fine, whole), whole)
 
@@ -294,12 +295,6 @@ def _columns(errors: Errors) -> list[list[np.ndarray]]:
     """The errors (n_samples,) of every record, by output."""
     n_y = errors.covariance.shape[0]
     return [[e[:, j] for e in errors.errors] for j in range(n_y)]
-
-
-def _white_variance(courses: Sequence[np.ndarray]) -> float:
-    """A sixth of the mean square of second differences of courses (n,); NaN where there are none."""
-    second = np.concatenate([np.diff(course, 2) for course in courses])
-    return float(np.mean(second**2)) / 6.0 if second.size else np.nan
 
 
 def _unit_intensity(average: AverageModel, std: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from daest.estimation.identifiability import ROUNDING, Scores, correlation, unse
 from daest.estimation.profile import Searched, Tell, with_interval_check, with_profiles
 from daest.estimation.search import Found
 from daest.estimation.setup import Setup
-from daest.estimation.signals import fit_percent
+from daest.estimation.signals import fit_percent, white_part
 from daest.model.experiment import Experiment
 from daest.model.fit import (
     Agreement,
@@ -265,10 +265,12 @@ def agreement_of(
     """Agreement from the errors of all experiments (n_samples, n_y), NaN where missing; None: no errors."""
     fits: dict[str, float | None] = dict.fromkeys(names)
     rms: dict[str, float | None] = dict.fromkeys(names)
+    white: dict[str, float | None] = dict.fromkeys(names)
     for j, name in enumerate(names if errors is not None else ()):
         assert errors is not None
         left = np.concatenate([e[np.isfinite(e[:, j]), j] for e in errors])
         if left.size:
             rms[name] = float(np.sqrt(np.mean(left**2)))
             fits[name] = fit_percent((m[:, j] for m in measured), float(np.sum(left**2)))
-    return Agreement(fits, rms)
+            white[name] = white_part([m[:, j] for m in measured], (e[:, j] for e in errors))
+    return Agreement(fits, rms, white)

@@ -139,12 +139,13 @@ class WeakDirection:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Model against data, per output: 100 (1 - |y - ŷ| / |y - mean y|), and the rms error in the output's
-    unit.
+    """Model against data, per output: 100 (1 - |y - ŷ| / |y - mean y|), the rms error in the output's unit,
+    and that of the part of the error that has no memory (`white_part`), where it is known.
     """
 
     fit_percent: dict[str, float | None]
     rms: dict[str, float | None]
+    white: dict[str, float | None] = field(default_factory=dict)
 
 
 def error_ratios(
