@@ -140,6 +140,18 @@ def test_what_a_simulation_leaves_is_told_where_it_is_many_times_the_noise():
     assert said not in decide(adding).message
 
 
+def test_errors_that_last_are_told_where_no_load_tells_them():
+    def with_white(law, white):
+        both = Agreement({"phi": 90.0}, {"phi": 1.0}, {"phi": white})
+        return replace(law, fit=replace(law.fit, simulated=dict.fromkeys(RECORDED, both)))
+
+    said = "leaves of phi lasts: it is 5 times its part without memory, so that something else is missing"
+    known = [with_white(proof(), white) for white in (0.2, 0.5, None)]
+    told = [decide(evidence(proofs=[law], simulated=9.0)).message for law in known]
+    assert said in told[0]
+    assert "lasts" not in told[1] + told[2]
+
+
 def untried(score, p_value=1e-9):
     return Unproved(
         candidate("QuadraticDrag"), (), score, p_value, (0.1,), "it could not be refitted: too stiff", True
