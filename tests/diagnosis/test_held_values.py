@@ -132,7 +132,7 @@ def test_of_values_that_do_the_same_the_likeliest_search_counts(monkeypatch):
 def test_a_value_is_an_answer_beside_a_law_as_another_law_would_be(delta_bic, ratio, law_ratio, is_rival):
     parameter = FittedParameter("R", 84.0, 0.2, 35.0, "Ohm", 0.0, None, False)
     other = OtherValue(parameter, 35.0, delta_bic, (ratio,))
-    assert other.says_as_much_as(Law(100.0), (law_ratio,)) == is_rival
+    assert other.says_as_much_as(Law(100.0), None, None, (law_ratio,)) == is_rival
 
 
 @pytest.mark.parametrize(
@@ -174,7 +174,7 @@ def test_the_sentence_names_both_values(monkeypatch):
     monkeypatch.setattr(examine_module, "other_value", lambda *_: other)
     decided = examine_module.verdicts.Decided("external disturbance", "A load.", "", ())
     stand = stand_with(INERTIA)
-    same, said = _with_values(stand, None, None, decided, DiagnoseOptions(), lambda _: None)
+    same, said = _with_values(stand, None, None, decided, (), DiagnoseOptions(), lambda _: None)
     assert same is decided
     assert said == (
         " Another value of `R`, 84 ± 0.2 Ohm instead of the 35 Ohm that is given, comes near: estimate it "
@@ -186,4 +186,4 @@ def test_the_sentence_names_both_values(monkeypatch):
     assert none.name == "nothing missing" and said == ""
     # Where errors of a simulation add up, that another value simulates better says little.
     adding = replace(stand, reference=replace(stand.reference, adds_up=True))
-    assert _with_values(adding, None, None, decided, DiagnoseOptions(), lambda _: None) == (decided, "")
+    assert _with_values(adding, None, None, decided, (), DiagnoseOptions(), lambda _: None) == (decided, "")

@@ -277,6 +277,11 @@ def attached(flat: FlatModel, candidates: Sequence[Candidate]) -> FlatModel:
     return attach_all(flat, [placement(c) for c in candidates], allow_repeated=True)
 
 
+def brings_time(before: FlatModel, after: FlatModel) -> bool:
+    """Whether what was attached brings the time into a model that is the same at all times."""
+    return ca.depends_on(after.residual, after.time) and not ca.depends_on(before.residual, before.time)
+
+
 def placement(candidate: Candidate, sizes: Mapping[str, float] | None = None) -> Placement:
     """The candidate with the given sizes, by default the ones at which it vanishes."""
     effect = candidate.effect

@@ -12,6 +12,7 @@ import numpy as np
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.candidates import keeping_order
+from daest.diagnosis.changing_values import changing_value
 from daest.diagnosis.chosen import chosen_candidates
 from daest.diagnosis.course import Course
 from daest.diagnosis.disturbance import place_gains, smoothed_load
@@ -138,7 +139,7 @@ def _examined(
         is_whole = is_whole and is_in_time
         evidence = replace(evidence, proofs=proofs)
         decided = verdicts.decide(evidence)
-    decided, beside_values = _with_values(stand, run, evidence, decided, options, progress)
+    decided, beside_values = _with_values(stand, run, evidence, decided, library, options, progress)
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
     message += beside_values
     if decided.name not in ("supported", "nothing missing"):
@@ -219,6 +220,7 @@ def _with_values(
     run: NullObserver,
     evidence: verdicts.Evidence,
     decided: verdicts.Decided,
+    library: Sequence[Effect],
     options: DiagnoseOptions,
     progress: Progress,
 ) -> tuple[verdicts.Decided, str]:
@@ -229,22 +231,27 @@ def _with_values(
     progress("estimating what the model holds")
     # Dead reckoning tells two models of one equation alike, and else which of two comes near.
     adds_up = stand.reference is not None and stand.reference.adds_up
-    other = None
+    law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
+    other, changing = None, None
     with suppress(OutOfTimeError), until(options.until):
         other = other_value(stand, run)
+        changing = None if law is None else changing_value(stand, run, law, library)
+    of = stand.baseline, stand.null
+    law_ratios = [] if law is None else error_ratios(stand.told.simulated, law.told.simulated)
+    if law is not None and changing is not None and changing.says_as_much_as(law, *of, law_ratios):
+        decided = verdicts.beside_value(evidence, decided, law, changing)
+        law = next(p for p in decided.proofs if p.candidate is law.candidate)
     if other is None:
         return decided, ""
     advice = f"estimate it (--estimate {other.parameter.name})"
-    law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
     if law is None:
         near = f" Another value of {other.text}, comes near: {advice}."
         return decided, near if other.says_much and not adds_up else ""
-    law_ratios = error_ratios(stand.told.simulated, law.told.simulated)
-    if not adds_up and other.puts_aside(law, stand.baseline, stand.null, law_ratios):
+    if not adds_up and other.puts_aside(law, *of, law_ratios):
         return _by_value(decided, law, other), ""
-    if not other.says_as_much_as(law, law_ratios):
+    if not other.says_as_much_as(law, *of, law_ratios):
         return decided, ""
-    return verdicts.beside_value(evidence, decided, law, other.parameter.name, other.text), ""
+    return verdicts.beside_value(evidence, decided, law, other), ""
 
 
 def _by_value(decided: verdicts.Decided, law: Proof, other: OtherValue) -> verdicts.Decided:

@@ -37,25 +37,39 @@ class OtherValue:
     ratios: tuple[float, ...]
     alike: tuple[str, ...] = ()
 
-    def says_as_much_as(self, law: Proof, law_ratios: Sequence[float]) -> bool:
+    @property
+    def answer(self) -> str:
+        """What it is, and what it was."""
+        return f"another value of {self.text}"
+
+    @property
+    def advice(self) -> str:
+        """What is to be done before an effect is believed."""
+        return f"estimate it (--estimate {self.parameter.name}) before an effect is believed"
+
+    @property
+    def settled_by(self) -> str:
+        """The measurement that tells it from an effect."""
+        return f"Measure `{self.parameter.name}` by itself, which settles it."
+
+    def says_as_much_as(
+        self, law: Proof, baseline: FitResult, null: Null, law_ratios: Sequence[float]
+    ) -> bool:
         """Whether it is an answer beside an accepted law: as likely, or less so where the law simulates
         unseen data with more error (as of two laws)."""
         if not self.ratios or self.delta_bic < GATES.min_bic_gain:
             return False
         pairs = list(zip(self.ratios, law_ratios, strict=False))
-        if self.delta_bic >= law.delta_bic - GATES.same_bic:
+        if self.delta_bic >= _beside_loads(law, baseline, null) - GATES.same_bic:
             return all(own * GATES.max_rival_error <= other for own, other in pairs)
         return bool(pairs) and all(own < GATES.max_rival_error * other for own, other in pairs)
 
     def puts_aside(self, law: Proof, baseline: FitResult, null: Null, law_ratios: Sequence[float]) -> bool:
         """Whether an accepted law only stands for it, as for a likelier law: beside loads it is preferred by
         what tells laws apart, and simulates no output of unseen data worse."""
-        gain = law.delta_bic
-        if law.is_by_use:
-            own = law.fit.log_likelihood - baseline.log_likelihood
-            gain = bic_gain(own, law.candidate.n_unknowns, null)
         pairs = list(zip(self.ratios, law_ratios, strict=False))
         is_no_worse = all(own <= (1.0 + GATES.same_unseen_error) * other for own, other in pairs)
+        gain = _beside_loads(law, baseline, null)
         return bool(pairs) and is_no_worse and self.delta_bic > gain + GATES.same_bic
 
     @property
@@ -67,7 +81,7 @@ class OtherValue:
 
     @property
     def text(self) -> str:
-        """What it is, and what it was."""
+        """The value, and that which is given."""
         unit = "" if self.parameter.unit == "1" else self.parameter.unit
         held = f"{self.held:.4g} {unit}".rstrip()
         told = f"`{self.parameter.name}`, {told_number(self.parameter)} instead of the {held} that is given"
@@ -75,12 +89,25 @@ class OtherValue:
         return f"{told} (or of {others}, which the sensors see alike)" if others else told
 
 
+def _beside_loads(law: Proof, baseline: FitResult, null: Null) -> float:
+    """The gain in BIC of an accepted law beside the loads, also of one that its simulation shows."""
+    if not law.is_by_use:
+        return law.delta_bic
+    own = law.fit.log_likelihood - baseline.log_likelihood
+    return bic_gain(own, law.candidate.n_unknowns, null)
+
+
 def other_value(stand: Stand, run: NullObserver) -> OtherValue | None:
     """The held value that shows most in the innovations, estimated; None where none shows, another one cannot
     be estimated, or is not certainly another."""
-    null = stand.null
     tied = {name for names in stand.tied for name in names}
     names = [p.name for p in stand.declared.parameters if not (p.estimate or p.is_memory or p.name in tied)]
+    return most_telling(stand, run, names)
+
+
+def most_telling(stand: Stand, run: NullObserver, names: Sequence[str]) -> OtherValue | None:
+    """That of the values `names` that shows most in the innovations, estimated, as `other_value` tells it."""
+    null = stand.null
     if not names or stand.reference is None:
         return None
     first = value_scores(null, run, names)[0]

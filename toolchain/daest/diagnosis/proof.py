@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 
+from daest.diagnosis.candidates import brings_time
 from daest.diagnosis.dead_times import DELAY
 from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.free_forms import free_forms
@@ -520,8 +520,7 @@ def _is_any_level(null: Null, prepared: Prepared, reference: Reference | None) -
 
 def _is_of_time(null: Null, prepared: Prepared) -> bool:
     """Whether a law brings the time into a model that is the same at all times."""
-    before, after = null.flat, prepared.flat
-    return ca.depends_on(after.residual, after.time) and not ca.depends_on(before.residual, before.time)
+    return brings_time(null.flat, prepared.flat)
 
 
 def _better_simpler(prepared: Prepared, fit: FitResult, delta_bic: float) -> Proof | None:

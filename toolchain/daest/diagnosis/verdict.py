@@ -271,18 +271,31 @@ def _as_well_inside(evidence: Evidence, proof: Proof) -> Decided | None:
     return replace(decided, message=decided.message + told)
 
 
-def beside_value(evidence: Evidence, decided: Decided, law: Proof, name: str, value: str) -> Decided:
-    """What was `decided`, where another `value` of the parameter `name`, which the model holds, says as much
-    as an accepted law: that value makes no claim of a law."""
-    other = f"another value of {value}"
-    told = replace(law, verdict="not separable", not_separable_from=(*law.not_separable_from, other))
+class OtherAnswer(Protocol):
+    """What a parameter of the model may be that says as much as a law: what that is called, what is to be
+    done before the law is believed, and which measurement settles it."""
+
+    @property
+    def answer(self) -> str: ...
+
+    @property
+    def advice(self) -> str: ...
+
+    @property
+    def settled_by(self) -> str: ...
+
+
+def beside_value(evidence: Evidence, decided: Decided, law: Proof, other: OtherAnswer) -> Decided:
+    """What was `decided`, where `other` says as much as an accepted law: a parameter makes no claim of a
+    law."""
+    told = replace(law, verdict="not separable", not_separable_from=(*law.not_separable_from, other.answer))
     proofs = tuple(told if p is law else p for p in decided.proofs)
-    says = f"{other}, says as much: estimate it (--estimate {name}) before an effect is believed."
+    says = f"{other.answer}, says as much: {other.advice}."
     if decided.name != "supported":
         message = f"{decided.message} {says[0].upper()}{says[1:]}"
         return replace(decided, message=message, proofs=proofs)
     message = f"{law.candidate.label} would do ({told_values(law)}), but {says}" + _told_of(evidence, law)
-    return Decided("cannot tell", message, f"Measure `{name}` by itself, which settles it.", proofs)
+    return Decided("cannot tell", message, other.settled_by, proofs)
 
 
 def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
