@@ -181,7 +181,7 @@ def test_the_sentence_names_both_values(monkeypatch):
         "(--estimate R)."
     )
     none, said = _with_values(
-        stand, None, None, replace(decided, name="nothing missing"), DiagnoseOptions(), lambda _: None
+        stand, None, None, replace(decided, name="nothing missing"), (), DiagnoseOptions(), lambda _: None
     )
     assert none.name == "nothing missing" and said == ""
     # Where errors of a simulation add up, that another value simulates better says little.
