@@ -138,3 +138,14 @@ def test_follower_that_creeps_within_the_width_is_no_play(
     model = SimpleNamespace(experiments=[SimpleNamespace(n_samples=signal.size)])
     told = SimpleNamespace(theta={"play.width": 0.5})
     assert (reasons.creeping(model, candidate, told) == "") is is_play
+
+
+@pytest.mark.parametrize(("width", "is_told"), [(0.9, True), (2.2, False)])
+def test_play_that_is_wider_than_its_signal_is_not_told(monkeypatch, width: float, is_told: bool) -> None:
+    """Of a heater that is on or off, where each piece of a record begins with a follower of its own."""
+    signal = np.tile(np.repeat([0.0, 1.0], 50), 4)
+    monkeypatch.setattr(reasons, "_along", lambda *_: np.stack([signal, signal]))
+    effect = next(e for e in effect_library() if e.name == "Play")
+    told = SimpleNamespace(theta={"play.width": width})
+    candidate = SimpleNamespace(effect=effect, name="play")
+    assert (reasons.too_wide(None, candidate, told) == "") is is_told

@@ -276,6 +276,18 @@ def creeping(model: Null, candidate: Candidate, told: FitResult) -> str:
     return f"its follower creeps within the width ({2.0 * half:.4g}), which whatever relaxes does as well"
 
 
+def too_wide(model: Null, candidate: Candidate, told: FitResult) -> str:
+    """Why play at a signal is not what its name says, where it is wider than all that the signal does in the
+    recordings: a follower that was pushed once is never pushed back, and where each piece of a record has a
+    start of its own, some steps pass and others do not. Empty where the signal passes the width."""
+    if candidate.effect.class_name != PLAY:
+        return ""
+    along = _along(model, candidate, told)
+    width = abs(told.theta[f"{candidate.name}.width"])
+    most = np.inf if along is None else float(np.ptp(along[0]))
+    return "" if width < most else f"it is wider ({width:.4g}) than all that the signal does ({most:.4g})"
+
+
 def _resting(u: np.ndarray, first: float, half: float) -> np.ndarray:
     """What comes out of play (n,) where u (n,) goes in: it begins at `first` and rests until u is `half` of
     its width away."""
@@ -426,7 +438,8 @@ def _tells_one(u: np.ndarray, change: np.ndarray) -> bool:
 def beyond_recordings(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why the law lies beyond what the recordings reach or show; empty where it does not."""
     reason = out_of_reach(model, candidate, told) or too_slow(model.experiments, candidate, told)
-    reason = reason or shut(model, candidate, told) or creeping(model, candidate, told)
+    reason = reason or shut(model, candidate, told) or too_wide(model, candidate, told)
+    reason = reason or creeping(model, candidate, told)
     return reason or straight(model, candidate, told)
 
 
