@@ -1,8 +1,11 @@
 """Play between what moves and what is told of it. Simulated by steps of a play operator."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from daest.diagnosis import reasons
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.model.experiment import Experiment
@@ -107,3 +110,42 @@ def test_play_of_an_input_that_is_held_is_seen_in_a_machine_that_bends(tmp_path)
     assert best.candidate.label == "Play at u"
     own = next(p for p in best.told.parameters if p.name == f"{best.candidate.name}.width")
     assert abs(own.value - 2.0) < 4.0 * own.std_error and own.std_error < 0.06
+
+
+def followed(signal: np.ndarray, width: float, rounding: float) -> np.ndarray:
+    """What comes out of the law of the library (n_samples,), pushed along in a tenth of a sample."""
+    x, result = signal[0], []
+    for value in signal:
+        for _ in range(20):
+            z = value - x
+            ends = np.hypot(z - width / 2, rounding) + np.hypot(z + width / 2, rounding)
+            y = value - width * z / ends
+            x += 0.5 * (y - x)
+        result.append(y)
+    return np.array(result)
+
+
+@pytest.mark.parametrize(("rounding", "is_play"), [(0.001, True), (0.1, False)])
+def test_follower_that_creeps_within_the_width_is_no_play(
+    monkeypatch, rounding: float, is_play: bool
+) -> None:
+    """A square wave behind a play of half its size: with round kinks it relaxes within thirty samples."""
+    signal = np.tile(np.repeat([0.0, 1.0], 50), 4)
+    along = np.stack([signal, followed(signal, 0.5, rounding)])
+    monkeypatch.setattr(reasons, "_along", lambda *_: along)
+    effect = next(e for e in effect_library() if e.name == "Play")
+    candidate = SimpleNamespace(effect=effect, name="play")
+    model = SimpleNamespace(experiments=[SimpleNamespace(n_samples=signal.size)])
+    told = SimpleNamespace(theta={"play.width": 0.5})
+    assert (reasons.creeping(model, candidate, told) == "") is is_play
+
+
+@pytest.mark.parametrize(("width", "is_told"), [(0.9, True), (2.2, False)])
+def test_play_that_is_wider_than_its_signal_is_not_told(monkeypatch, width: float, is_told: bool) -> None:
+    """Of a heater that is on or off, where each piece of a record begins with a follower of its own."""
+    signal = np.tile(np.repeat([0.0, 1.0], 50), 4)
+    monkeypatch.setattr(reasons, "_along", lambda *_: np.stack([signal, signal]))
+    effect = next(e for e in effect_library() if e.name == "Play")
+    told = SimpleNamespace(theta={"play.width": width})
+    candidate = SimpleNamespace(effect=effect, name="play")
+    assert (reasons.too_wide(None, candidate, told) == "") is is_told

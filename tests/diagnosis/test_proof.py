@@ -537,6 +537,22 @@ def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
     assert ranked([replace(proof, adds_up=False), replace(shaky, ahead=lasting)])[0].verdict == "supported"
 
 
+def test_law_that_its_simulation_shows_is_held_against_a_refused_one_beside_the_loads():
+    """An offset of an amplifier, and the same beyond a limit that nobody knows: the simulation of a few
+    independent samples gains less than the predictions of all, of one law as of the other."""
+    _, proof = proved()
+    used = InUse(fitted=0.35, unseen=0.58, n_independent=33.0, n_unseen=23.0, certainty=2.6)
+    shown = replace(proof, in_use=used, is_by_use=True, delta_bic=22.0, delta_log_likelihood=used.gain)
+    vague = replace(proof, verdict="rejected", reason="it is shaky", is_vague=True, explained=0.99)
+    assert GATES.min_refused_gain * vague.delta_log_likelihood > used.gain
+    assert ranked([shown, vague])[0].verdict == "supported"
+    # One that gains far more beside the loads, too, is in the way.
+    gain = 2.0 * proof.delta_log_likelihood
+    fit = replace(vague.fit, log_likelihood=vague.fit.log_likelihood + gain)
+    strong = replace(vague, fit=fit, delta_log_likelihood=vague.delta_log_likelihood + gain)
+    assert ranked([shown, strong])[0].verdict == "rejected"
+
+
 def test_law_that_a_simulation_alone_shows_is_none_where_another_is_better_in_both():
     """A bend of the sensor beside friction and a spring: each spring is likelier, and simulates better."""
     _, proof = proved()

@@ -9,11 +9,12 @@ from functools import partial
 
 from daest.diagnosis.candidates import fed
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.null import grown
 from daest.diagnosis.open_loop import ITERATIONS as IN_USE
 from daest.diagnosis.open_loop import fitted_in_use, is_far_behind, rivals_in_use, speaks_for
 from daest.diagnosis.pieces import told_of_whole
 from daest.diagnosis.proof import Reference, Searched, by_simulation, has_lost_its_way, used_by
-from daest.diagnosis.reasons import not_determined
+from daest.diagnosis.reasons import not_determined, too_wide
 from daest.diagnosis.search import Search, as_prepared, at_other_places, end_of_search, likeliest_judged
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand, quiet
@@ -139,9 +140,20 @@ def proof_in_open_loop(
             shown = shown_in_use(search, found.prepared, beside, accepted, known=found.fit)
         if shown.verdict != "rejected":
             return shown
+        if _is_too_wide(search.stand_in_use, found):
+            return beside
         lasts = longest_duration(search.stand_in_use.null.experiments)
         refused = replace(beside, final=found.fit, in_use=replace(found.used, piece=lasts))
         return refused if search.pieces is None else told_of_whole(search.stand, refused)
+
+
+def _is_too_wide(stand: Stand, found: InOpenLoop) -> bool:
+    """Whether a law is play that is wider than its signal: that comes near by the starts of its follower, and
+    is nothing to be told."""
+    prepared, candidate = found.prepared, found.prepared.trial.candidate
+    experiments = fed(stand.null.experiments, candidate)
+    model = grown(stand.null, prepared.flat, prepared.reduced(), found.fit, experiments)
+    return bool(too_wide(model, candidate, found.fit))
 
 
 def _beside_loads(search: Search, prepared: Prepared) -> Proof | None:

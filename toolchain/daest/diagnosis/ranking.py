@@ -348,12 +348,18 @@ def _far_more_likely(order: Sequence[Proof], best: Proof) -> Proof | None:
     why, none is the explanation."""
     refused = [p for p in order if p.verdict == "rejected" and (_is_in_the_way(p, best) or _is_torn(p, best))]
     strongest = max(refused, key=lambda p: p.delta_log_likelihood, default=None)
-    if (
-        strongest is None
-        or GATES.min_refused_gain * strongest.delta_log_likelihood < best.delta_log_likelihood
-    ):
+    if strongest is None or GATES.min_refused_gain * strongest.delta_log_likelihood < _gain(best, strongest):
         return None
     return strongest
+
+
+def _gain(best: Proof, refused: Proof) -> float:
+    """What the best law gains, to be held against what a refused one gains beside loads: there, too, where it
+    is accepted for its simulation, of which a few independent samples gain less than all predictions."""
+    if not best.is_by_use or refused.is_by_use:
+        return best.delta_log_likelihood
+    beside = refused.delta_log_likelihood + best.fit.log_likelihood - refused.fit.log_likelihood
+    return max(best.delta_log_likelihood, beside)
 
 
 def _is_in_the_way(refused: Proof, best: Proof) -> bool:

@@ -31,6 +31,7 @@ LOST = (
 )
 ABSOLUTE_VALUE = "Daest.Effects.Signals.AbsoluteValueSensor"
 GAIN = "Daest.Effects.Signals.Gain"
+PLAY = "Daest.Effects.Signals.Play"
 ALONG = 200  # values of a signal at which a bend of it is looked at
 PLACED = 0.5  # of what its variable reaches, from which a shape is looked for as a place along it
 
@@ -254,6 +255,49 @@ def shut(model: Null, candidate: Candidate, told: FitResult) -> str:
     return f"nothing of {candidate.site.name} comes through it in the recordings, as through any cut"
 
 
+def creeping(model: Null, candidate: Candidate, told: FitResult) -> str:
+    """Why play at a signal is not what its name says, where the rounding of its kinks lets the follower creep
+    within the width, by much of what the play itself holds back: whatever relaxes does that. Empty where the
+    follower rests."""
+    if candidate.effect.class_name != PLAY:
+        return ""
+    along = _along(model, candidate, told)
+    if along is None:
+        return ""
+    half = 0.5 * abs(told.theta[f"{candidate.name}.width"])
+    ends = np.cumsum([one.n_samples for one in model.experiments])
+    crept, held = 0.0, 0.0
+    for u, y in np.split(along, ends[:-1], axis=1):
+        resting = _resting(u, y[0], half)
+        crept += float(np.sum((y - resting) ** 2))
+        held += float(np.sum((u - resting - np.mean(u - resting)) ** 2))
+    if crept <= GATES.max_crept**2 * held:
+        return ""
+    return f"its follower creeps within the width ({2.0 * half:.4g}), which whatever relaxes does as well"
+
+
+def too_wide(model: Null, candidate: Candidate, told: FitResult) -> str:
+    """Why play at a signal is not what its name says, where it is wider than all that the signal does in the
+    recordings: a follower that was pushed once is never pushed back, and where each piece of a record has a
+    start of its own, some steps pass and others do not. Empty where the signal passes the width."""
+    if candidate.effect.class_name != PLAY:
+        return ""
+    along = _along(model, candidate, told)
+    width = abs(told.theta[f"{candidate.name}.width"])
+    most = np.inf if along is None else float(np.ptp(along[0]))
+    return "" if width < most else f"it is wider ({width:.4g}) than all that the signal does ({most:.4g})"
+
+
+def _resting(u: np.ndarray, first: float, half: float) -> np.ndarray:
+    """What comes out of play (n,) where u (n,) goes in: it begins at `first` and rests until u is `half` of
+    its width away."""
+    y, one = np.empty_like(u), first
+    for k, value in enumerate(u):
+        one = min(max(one, value - half), value + half)
+        y[k] = one
+    return y
+
+
 def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why a law that bends a signal at places along it, or everywhere, is not what its name says, where the
     recordings show it straight: a gain with an offset, which other parameters may be, too. Empty where it
@@ -394,7 +438,9 @@ def _tells_one(u: np.ndarray, change: np.ndarray) -> bool:
 def beyond_recordings(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why the law lies beyond what the recordings reach or show; empty where it does not."""
     reason = out_of_reach(model, candidate, told) or too_slow(model.experiments, candidate, told)
-    return reason or shut(model, candidate, told) or straight(model, candidate, told)
+    reason = reason or shut(model, candidate, told) or too_wide(model, candidate, told)
+    reason = reason or creeping(model, candidate, told)
+    return reason or straight(model, candidate, told)
 
 
 def _is_place(parameter: EffectParameter) -> bool:
