@@ -253,3 +253,18 @@ def test_command_that_moves_as_a_spring_would_is_both(tmp_path):
 
 def test_equation_that_does_not_name_the_signal_first_is_no_place():
     assert inside(EQUATIONS.replace("u = 20*(r - phi) - 2*w", "20*(r - phi) - 2*w = u")) == set()
+
+
+def test_a_flux_with_a_law_and_a_rate_is_one_place():
+    """It was listed twice, and all effects there were searched for twice."""
+    text = """model Motor
+      input Real u(unit = "V"); output Real y(unit = "rad/s", start = 0);
+      Real psi(unit = "Wb", start = 0); Real q(unit = "Wb", start = 0);
+      Real i(unit = "A"); Real j(unit = "A");
+    equation
+      psi = 0.2*i + 0.1*j; q = 0.1*i + 0.2*j;
+      der(psi) = u - i; der(q) = -j - y*psi;
+      der(y) = psi*j - y;
+    end Motor;"""
+    flat = compile_text(text.encode(), Path("Motor.mo"))
+    assert [site.name for site in sites(flat) if site.kind == "signal"] == ["psi"]

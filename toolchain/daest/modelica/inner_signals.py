@@ -52,7 +52,8 @@ def inner_signals(
     for variable, row in (*laws.given.items(), *laws.integrated.items()):
         name = flat.unknowns[variable].name
         is_block = name in blocks
-        if name in taken or not (is_block or (row in own and variable in laws.given and "." not in name)):
+        is_law = row in own and laws.given.get(variable) == row and "." not in name
+        if name in taken or not (is_block or is_law):
             continue
         signal = InnerSignal(variable, laws.uses(variable, row, is_block))
         if laws.is_taken_further(signal) and _is_own(flat, signal, is_block, laws, domains):
