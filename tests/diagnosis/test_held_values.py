@@ -174,16 +174,16 @@ def test_the_sentence_names_both_values(monkeypatch):
     monkeypatch.setattr(examine_module, "other_value", lambda *_: other)
     decided = examine_module.verdicts.Decided("external disturbance", "A load.", "", ())
     stand = stand_with(INERTIA)
-    same, said = _with_values(stand, None, None, decided, (), DiagnoseOptions(), lambda _: None)
+    same, said = _with_values(stand, None, None, decided, DiagnoseOptions(), lambda _: None)
     assert same is decided
     assert said == (
         " Another value of `R`, 84 ± 0.2 Ohm instead of the 35 Ohm that is given, comes near: estimate it "
         "(--estimate R)."
     )
     none, said = _with_values(
-        stand, None, None, replace(decided, name="nothing missing"), (), DiagnoseOptions(), lambda _: None
+        stand, None, None, replace(decided, name="nothing missing"), DiagnoseOptions(), lambda _: None
     )
     assert none.name == "nothing missing" and said == ""
     # Where errors of a simulation add up, that another value simulates better says little.
     adding = replace(stand, reference=replace(stand.reference, adds_up=True))
-    assert _with_values(adding, None, None, decided, (), DiagnoseOptions(), lambda _: None) == (decided, "")
+    assert _with_values(adding, None, None, decided, DiagnoseOptions(), lambda _: None) == (decided, "")

@@ -139,7 +139,8 @@ def _examined(
         is_whole = is_whole and is_in_time
         evidence = replace(evidence, proofs=proofs)
         decided = verdicts.decide(evidence)
-    decided, beside_values = _with_values(stand, run, evidence, decided, library, options, progress)
+    decided = _with_changes(stand, run, evidence, decided, library, options)
+    decided, beside_values = _with_values(stand, run, evidence, decided, options, progress)
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
     message += beside_values
     if decided.name not in ("supported", "nothing missing"):
@@ -220,7 +221,6 @@ def _with_values(
     run: NullObserver,
     evidence: verdicts.Evidence,
     decided: verdicts.Decided,
-    library: Sequence[Effect],
     options: DiagnoseOptions,
     progress: Progress,
 ) -> tuple[verdicts.Decided, str]:
@@ -232,26 +232,41 @@ def _with_values(
     # Dead reckoning tells two models of one equation alike, and else which of two comes near.
     adds_up = stand.reference is not None and stand.reference.adds_up
     law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
-    other, changing = None, None
+    other = None
     with suppress(OutOfTimeError), until(options.until):
         other = other_value(stand, run)
-        changing = None if law is None else changing_value(stand, run, law, library)
-    of = stand.baseline, stand.null
-    law_ratios = [] if law is None else error_ratios(stand.told.simulated, law.told.simulated)
-    if law is not None and changing is not None and changing.says_as_much_as(law, *of, law_ratios):
-        decided = verdicts.beside_value(evidence, decided, law, changing)
-        law = next(p for p in decided.proofs if p.candidate is law.candidate)
     if other is None:
         return decided, ""
     advice = f"estimate it (--estimate {other.parameter.name})"
     if law is None:
         near = f" Another value of {other.text}, comes near: {advice}."
         return decided, near if other.says_much and not adds_up else ""
-    if not adds_up and other.puts_aside(law, *of, law_ratios):
+    terms = (law, stand.baseline, stand.null, error_ratios(stand.told.simulated, law.told.simulated))
+    if not adds_up and other.puts_aside(*terms):
         return _by_value(decided, law, other), ""
-    if not other.says_as_much_as(law, *of, law_ratios):
+    if not other.says_as_much_as(*terms):
         return decided, ""
     return verdicts.beside_value(evidence, decided, law, other), ""
+
+
+def _with_changes(
+    stand: Stand,
+    run: NullObserver,
+    evidence: verdicts.Evidence,
+    decided: verdicts.Decided,
+    library: Sequence[Effect],
+    options: DiagnoseOptions,
+) -> verdicts.Decided:
+    """What is decided beside the parameter that may change with time, where a law of the time is accepted."""
+    law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
+    if law is None or options.is_over:
+        return decided
+    with suppress(OutOfTimeError), until(options.until):
+        changing = changing_value(stand, run, law, library)
+        ratios = error_ratios(stand.told.simulated, law.told.simulated)
+        if changing is not None and changing.says_as_much_as(law, stand.baseline, stand.null, ratios):
+            return verdicts.beside_value(evidence, decided, law, changing)
+    return decided
 
 
 def _by_value(decided: verdicts.Decided, law: Proof, other: OtherValue) -> verdicts.Decided:
