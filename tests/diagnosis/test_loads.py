@@ -136,3 +136,38 @@ def test_loads_at_two_places_are_two_noises():
     assert [p.value for p in loaded.parameters[-2:]] == [0.1, 0.2]
     space = state_space(state_space_family(loaded), loaded.theta_values)
     assert np.linalg.matrix_rank(space.G) == 2
+
+
+@pytest.mark.parametrize("equation", ["J*der(w) = u - d*w", "der(w) = (u - d*w)/J"])
+def test_a_load_is_a_torque_however_the_equation_is_written(equation):
+    """Divided by an inertia of 0.5 kg.m2, loads had come out twice as large, as torques."""
+    text = f"""model Rotor
+  parameter Real J(unit = "kg.m2") = 0.5;
+  parameter Real d(unit = "N.m.s/rad") = 0.3;
+  input Real u(unit = "N.m");
+  output Real w(unit = "rad/s");
+equation
+  {equation};
+end Rotor;"""
+    assert acceleration(text) == ("N.m", pytest.approx(1.0 / 0.5))
+
+
+def test_a_load_among_flows_in_other_units_is_told_in_that_of_its_domain():
+    text = """model Accumulator
+  parameter Real C(unit = "l/bar") = 0.02;
+  parameter Real k(unit = "l/(min.bar)") = 0.1;
+  input Real q(unit = "l/min");
+  output Real p(unit = "bar");
+equation
+  60*C*der(p) = q - k*p;
+end Accumulator;"""
+    assert acceleration(text) == ("m3/s", pytest.approx(60000.0 / (60 * 0.02)))
+
+
+def acceleration(text):
+    """The unit of the only load of a model of one state, and by what a unit of it changes the rate."""
+    flat = compile_text(text.encode(), Path(f"{text.split()[1]}.mo"))
+    (place,) = places = load_places(flat, load_sites(flat))
+    with_load = with_loads(flat, places, [1.0])
+    loaded = state_space(state_space_family(with_load), with_load.theta_values)
+    return place.unit, float(np.max(np.abs(loaded.A - np.diag(np.diag(loaded.A)))))

@@ -92,6 +92,13 @@ def flow_unit(flat: FlatModel, site: Site) -> str:
     return _FLOWS[site.domain] if balance is not None and balances_flows(flat, balance) else ""
 
 
+def flow_in_row(flat: FlatModel, row: int) -> ca.SX:
+    """By what a flow in the unit of `flow_unit` is multiplied in equation `row`; 1 where the equation is no
+    balance, or does not tell."""
+    factors = (flow_factor(flat, balance) for balance in balances(flat) if balance.row == row)
+    return next((factor for factor in factors if factor is not None), ONE)
+
+
 def _balance_of(flat: FlatModel, name: str) -> Balance | None:
     return next((b for b in balances(flat) if b.name(flat) == name), None)
 
