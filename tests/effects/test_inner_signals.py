@@ -255,6 +255,58 @@ def test_equation_that_does_not_name_the_signal_first_is_no_place():
     assert inside(EQUATIONS.replace("u = 20*(r - phi) - 2*w", "20*(r - phi) - 2*w = u")) == set()
 
 
+DRIVE = """model Drive
+  parameter Real R(unit = "Ohm") = 2;
+  input Real u(unit = "V");
+  output Real speed(unit = "rad/s") = w;
+  Real i(unit = "A");
+  Real w(unit = "rad/s", start = 0);
+equation
+  i = (u - 0.2*w)/R;
+  0.01*der(w) = 0.2*i;
+end Drive;
+"""
+RUDDER = """model Rudder
+  input Real command(unit = "deg");
+  output Real turn(unit = "deg/s", start = 0);
+  Real delta(unit = "deg", start = 0);
+  Real rate(unit = "deg/s");
+equation
+  rate = (command - delta)/0.2;
+  der(delta) = rate;
+  0.3*der(turn) = delta - turn;
+end Rudder;
+"""
+
+
+def driven(t, x, limit):
+    return [0.2 * np.clip((5.0 - 0.2 * x[0]) / 2, -limit, limit) / 0.01]
+
+
+def turned(t, x, limit):
+    return [(x[1] - x[0]) / 0.3, np.clip((5.0 - x[1]) / 0.2, -limit, limit)]
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "motion"), [(DRIVE, "i", driven), (RUDDER, "rate", turned)], ids=["current", "rate"]
+)
+def test_what_an_actuator_gives_may_have_a_limit_and_no_other_law(tmp_path, text, name, motion):
+    """Friction beside a limit of the current had been a curve over a force."""
+    path = tmp_path / "Machine.mo"
+    path.write_text(text)
+    flat, effect = compile_model(path), find_effect("Signals.Saturation")
+    assert inside(text) == {name}
+    site = find_site(flat, name, effect)
+    assert fits(find_effect("Signals.OneSidedLimit"), site) and not fits(find_effect("Signals.Gain"), site)
+    values = {"share": 1.0, "limit": 1.5, "u_s": 1e-3}
+    written = extend_model(path, None, effect, site, values=values)
+    start, times = [0.0] * (1 + (name == "rate")), np.linspace(0.0, 1.0, 101)
+    given = {"args": (1.5,), "t_eval": times, "rtol": 1e-9, "max_step": 0.01}
+    expected = solve_ivp(motion, (0.0, 1.0), start, **given).y[0]
+    for model in (attach(flat, effect, site, values=values), written.flat):
+        np.testing.assert_allclose(simulated(model, 5.0), expected, atol=3e-3)
+
+
 def test_a_flux_with_a_law_and_a_rate_is_one_place():
     """It was listed twice, and all effects there were searched for twice."""
     text = """model Motor

@@ -118,6 +118,11 @@ class Effect:
         return tuple(p for p in self.parameters if p.role == "size")
 
     @property
+    def is_limit(self) -> bool:
+        """Whether it cuts a share of what is beyond its limit."""
+        return any(p.is_share for p in self.sizes)
+
+    @property
     def null_values(self) -> dict[str, float]:
         """Values of the sizes at which the effect vanishes."""
         return {p.name: p.null or 0.0 for p in self.sizes}
@@ -140,7 +145,7 @@ class Site:
     called `u:i` by both. `aliases` are other names for the same place; `parameters` what the place has of its
     own: names as an effect asks for them, `c` for a stiffness, and those of the model's parameters.
     `is_grounded`: the potential of its end a is constant, so that nothing drives a flow there, or that of b
-    is, by a component of one connector.
+    is, by a component of one connector. `limits_only`: of a signal, no law makes sense but one that cuts it.
     """
 
     name: str
@@ -150,6 +155,7 @@ class Site:
     aliases: tuple[str, ...] = ()
     parameters: tuple[tuple[str, str], ...] = ()
     is_grounded: bool = False
+    limits_only: bool = False
 
     @property
     def told(self) -> str:

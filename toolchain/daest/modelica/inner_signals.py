@@ -5,7 +5,11 @@ a tyre over its slip angle, `F = c*(delta - beta - l*r/v)`.
 Not those where an effect would be none of its own: what follows from one input alone is that input, what goes
 to an output alone is that output, and what one law takes into another signal is that one. Nor flows and
 potentials of a physical domain that has places, whose own effects tell what is missing there; but what is
-made of an input and the motion together is the work of a controller, whatever its unit."""
+made of an input and the motion together is the work of a controller, whatever its unit.
+
+Two kinds are places of limits alone: a current that an equation gives, as in `i = (u - k*w)/R`, where
+voltages in its path say all but what an amplifier does that lets no more through; and the rate at which
+what an input asks for is reached, `rate = (command - angle)/T` of a rudder whose pump gives no more."""
 
 from __future__ import annotations
 
@@ -31,22 +35,25 @@ _UNITS: dict[str, Domain] = {
 
 @dataclass(frozen=True)
 class InnerSignal:
-    """Unknown `variable`; the rows `uses` use it, connections alone where it is the output of a block."""
+    """Unknown `variable`; the rows `uses` use it, connections alone where it is the output of a block. It is
+    a place of effects that limit, or of all."""
 
     variable: int
     uses: tuple[int, ...]
+    limits_only: bool = False
 
     def name(self, flat: FlatModel) -> str:
         return flat.unknowns[self.variable].name
 
 
 def inner_signals(
-    flat: FlatModel, domains: Collection[Domain], taken: Collection[str]
+    flat: FlatModel, domains: Collection[Domain], taken: Collection[str], flows: Collection[str] = ()
 ) -> tuple[InnerSignal, ...]:
     """The signals inside of the model, whose places of other kinds are in these `domains`; variables called
-    as in `taken` are places already, but for what may be a command as well as a force."""
+    as in `taken` are places already, but for what may be a command as well as a force, and for `flows`
+    through meshes, which may have a limit."""
     laws = _Laws(flat)
-    taken = {*taken} - laws.commands() | {*flat.output_names}
+    taken = {*taken} - laws.commands() - {*flows} | {*flat.output_names}
     blocks, own = _outputs_of_blocks(flat), {*own_laws(flat)}
     found: list[InnerSignal] = []
     for variable, row in (*laws.given.items(), *laws.integrated.items()):
@@ -55,7 +62,11 @@ def inner_signals(
         is_law = row in own and laws.given.get(variable) == row and "." not in name
         if name in taken or not (is_block or is_law):
             continue
-        signal = InnerSignal(variable, laws.uses(variable, row, is_block))
+        rated = laws.rates.get(variable)
+        if rated is not None and flat.unknowns[rated].name in taken:
+            continue
+        limits_only = not is_block and (name in flows or rated is not None)
+        signal = InnerSignal(variable, laws.uses(variable, row, is_block), limits_only)
         if laws.is_taken_further(signal) and _is_own(flat, signal, is_block, laws, domains):
             found.append(signal)
     kept = {one.variable for one in found}
@@ -77,6 +88,8 @@ def _is_own(
     inputs, states = laws.sources(signal.variable)
     if not states and len(inputs) < 2:
         return False
+    if signal.limits_only:
+        return bool(inputs and states)
     unit = flat.unknowns[signal.variable].unit
     is_physical = any(domain in domains and is_of(unit, one) for one, domain in _UNITS.items())
     return is_block or not is_physical or bool(inputs and states)
@@ -92,20 +105,19 @@ class _Laws:
         self._inputs = _used(flat.residual, flat.u)
         self._rows = _turned(self._unknowns)
         self._shown = set().union(*_used(flat.output_expressions, flat.xi))
+        self.rates = dict(filter(None, map(_rate, self._slopes)))
         self.given = self._given()
         self.integrated = self._integrated()
         self._made = {row: variable for variable, row in self.given.items()}
 
     def _given(self) -> dict[int, int]:
-        """Unknown -> the row without derivatives that is written `unknown = …`; not for the rate of another
-        unknown."""
+        """Unknown -> the row without derivatives that is written `unknown = …`."""
         flat, slopes = self._flat, self._slopes
         number = {v.name: i for i, v in enumerate(flat.unknowns)}
-        rates = {_rate(row) for row in slopes}
         found: dict[int, int] = {}
         for row, equation in enumerate(flat.equations):
             variable = number.get(equation.text.partition(" = ")[0])
-            if variable is None or variable in rates or equation.kind not in ("component", "binding"):
+            if variable is None or equation.kind not in ("component", "binding"):
                 continue
             if abs(slopes[row, variable]) == 1.0 and not np.any(slopes[row, self._n :]):
                 found.setdefault(variable, row)
@@ -180,11 +192,11 @@ class _Laws:
         return inputs, states
 
 
-def _rate(slopes: np.ndarray) -> int | None:
-    """The unknown that a row with these `slopes` (2n,) says to be the rate of another one."""
+def _rate(slopes: np.ndarray) -> tuple[int, int] | None:
+    """The unknown that a row with these `slopes` (2n,) says to be the rate of another one, and that one."""
     used, n = np.flatnonzero(slopes), slopes.size // 2
     is_rate = len(used) == 2 and used[0] < n <= used[1] and sorted(slopes[used]) == [-1, 1]
-    return int(used[0]) if is_rate else None
+    return (int(used[0]), int(used[1]) - n) if is_rate else None
 
 
 def _turned(used: Sequence[set[int]]) -> dict[int, list[int]]:

@@ -122,8 +122,9 @@ def _inside(flat: FlatModel, physical: Sequence[Site]) -> list[Site]:
     if flat.events is not None:
         return []
     taken = {name for site in physical for name in (site.name, *site.aliases)}
-    found = inner_signals(flat, {site.domain for site in physical}, taken)
-    return [Site(one.name(flat), "signal", "signal") for one in found]
+    flows = {site.aliases[-1] for site in physical if site.kind == "mesh"}
+    found = inner_signals(flat, {site.domain for site in physical}, taken, flows)
+    return [Site(one.name(flat), "signal", "signal", limits_only=one.limits_only) for one in found]
 
 
 def _equations(flat: FlatModel, domain: Domain | None = None) -> list[Site]:
@@ -221,7 +222,7 @@ def _used_parameters(flat: FlatModel) -> list[str]:
 def fits(effect: Effect, site: Site) -> bool:
     """Whether the effect can be attached at the site."""
     if site.kind in _SIGNALS:
-        return effect.attach in _SIGNALS[site.kind]
+        return effect.attach in _SIGNALS[site.kind] and (effect.is_limit or not site.limits_only)
     if effect.domain != site.domain:
         return False
     if site.kind in ("node", "equation"):
