@@ -162,6 +162,15 @@ equation
   60*C*der(p) = q - k*p;
 end Accumulator;"""
     assert acceleration(text) == ("m3/s", pytest.approx(60000.0 / (60 * 0.02)))
+    text = """model Room
+  parameter Real C(unit = "kJ/K") = 20;
+  parameter Real G(unit = "kW/K") = 0.1;
+  input Real Q(unit = "kW");
+  output Real T(unit = "degC");
+equation
+  C*der(T) = Q - G*T;
+end Room;"""
+    assert acceleration(text) == ("W", pytest.approx(1e-3 / 20.0))
 
 
 def acceleration(text):

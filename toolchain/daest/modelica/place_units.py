@@ -4,7 +4,7 @@ have no known unit."""
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -134,8 +134,10 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
     rate = dimensions(flat.unknowns[balance.variable].unit)
     if wanted is None or rate is None:
         return None
-    if domain is not None and flat.unknowns[balance.variable].unit not in (*DOMAINS, LEVEL):
-        return _slope_of_flow(flat, balance, _FLOWS[domain])
+    if domain is not None:
+        own = flat.unknowns[balance.variable].unit not in (*DOMAINS, LEVEL)
+        if own or _has_flow_of_other_scale(flat, balance, _FLOWS[domain]):
+            return _slope_of_flow(flat, balance, _FLOWS[domain])
     need = {d: wanted.get(d, 0.0) - rate.get(d, 0.0) for d in {*wanted, *rate}}
     need["[time]"] = need.get("[time]", 0.0) + 1.0
     if _slope_has(flat, balance.row, balance.rate, need):
@@ -152,15 +154,28 @@ def _slope_of_flow(flat: FlatModel, balance: Balance, unit: str) -> ca.SX | None
     """By what a flow in `unit` is multiplied in the equation of a variable that is in a unit of its own,
     whose scale may be anywhere in it: as a known flow is that stands there, an input or an unknown. None
     where there is none, or where its factor changes as the model moves."""
+    for slope, scale in _flows_in(flat, balance, unit):
+        if is_of_parameters(flat, slope):
+            return ca.simplify(-balance.sign * slope / scale)
+    return None
+
+
+def _has_flow_of_other_scale(flat: FlatModel, balance: Balance, unit: str) -> bool:
+    """Whether a flow in the equation is in kW, say, where that of the domain is in W: then all its terms
+    are."""
+    return any(scale != 1.0 for _, scale in _flows_in(flat, balance, unit))
+
+
+def _flows_in(flat: FlatModel, balance: Balance, unit: str) -> Iterator[tuple[ca.SX, float]]:
+    """Of each unknown and input that stands in the equation and converts to `unit`, its slope there and the
+    scale of its own unit."""
     known = [*zip(flat.unknowns, ca.vertsplit(flat.xi), strict=True)]
     known += zip(flat.inputs, ca.vertsplit(flat.u) if flat.u.numel() else [], strict=True)
     for variable, symbol in known:
-        if not is_of(variable.unit, unit):
-            continue
-        slope = ca.jacobian(flat.residual[balance.row], symbol)
-        if slope.nnz() and is_of_parameters(flat, slope):
-            return ca.simplify(-balance.sign * slope / conversion(variable.unit, unit).scale)
-    return None
+        if is_of(variable.unit, unit):
+            slope = ca.jacobian(flat.residual[balance.row], symbol)
+            if slope.nnz():
+                yield slope, conversion(variable.unit, unit).scale
 
 
 def balance_entry(flat: FlatModel, balance: Balance) -> Entry:
