@@ -231,13 +231,13 @@ def _with_values(
     progress("estimating what the model holds")
     # Dead reckoning tells two models of one equation alike, and else which of two comes near.
     adds_up = stand.reference is not None and stand.reference.adds_up
-    law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
     other = None
     with suppress(OutOfTimeError), until(options.until):
         other = other_value(stand, run)
     if other is None:
         return decided, ""
     advice = f"estimate it (--estimate {other.parameter.name})"
+    law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
     if law is None:
         near = f" Another value of {other.text}, comes near: {advice}."
         return decided, near if other.says_much and not adds_up else ""

@@ -20,7 +20,7 @@ from daest.model.effects import Site
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpace
 from daest.model.parts import Equation, NoiseInput, Parameter, Variable
-from daest.modelica.place_units import flow_in_row, flow_unit
+from daest.modelica.place_units import flow_unit, flows_in_rows
 from daest.modelica.places import resolve_place
 from daest.modelica.sites import sites, untold_balances
 from daest.systems.state_space import state_space, state_space_family
@@ -193,8 +193,9 @@ def with_loads(flat: FlatModel, places: Sequence[LoadPlace], time_constants: Seq
     d, rate = ca.SX.sym("load", n), ca.SX.sym("load_rate", n)
     w, T = ca.SX.sym("load_w", n), ca.SX.sym("load_T", n)
     residual = ca.SX(flat.residual)
-    for i, place in enumerate(places):
-        residual[place.row] -= flow_in_row(flat, place.row) * d[i]
+    rows = [place.row for place in places]
+    for i, (row, factor) in enumerate(zip(rows, flows_in_rows(flat, rows), strict=True)):
+        residual[row] -= factor * d[i]
     return replace(
         flat,
         unknowns=(

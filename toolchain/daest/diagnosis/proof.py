@@ -500,7 +500,7 @@ def _of_levels(
     cannot be told."""
     if final is None or reference is None or reference.adds_up or not validation or not null.loads:
         return ""
-    if not _is_of_time(null, prepared):
+    if not brings_time(null.flat, prepared.flat):
         return ""
     ratio = _steady_ratio(null, prepared.flat, explicit, final, validation, reference)
     if ratio is None or ratio < 1.0:
@@ -515,12 +515,7 @@ def _is_any_level(null: Null, prepared: Prepared, reference: Reference | None) -
     """Whether unseen data at another level would be foreseen better by a law whether it acts or not: by any
     drift towards that level, where errors of the simulation add up and the level cannot be asked of it
     (`_of_levels`)."""
-    return reference is not None and reference.adds_up and _is_of_time(null, prepared)
-
-
-def _is_of_time(null: Null, prepared: Prepared) -> bool:
-    """Whether a law brings the time into a model that is the same at all times."""
-    return brings_time(null.flat, prepared.flat)
+    return reference is not None and reference.adds_up and brings_time(null.flat, prepared.flat)
 
 
 def _better_simpler(prepared: Prepared, fit: FitResult, delta_bic: float) -> Proof | None:

@@ -244,8 +244,7 @@ def shut(model: Null, candidate: Candidate, told: FitResult) -> str:
     along = _along(model, candidate, told)
     if along is None:
         return ""
-    ends = np.cumsum([one.n_samples for one in model.experiments])
-    parts = np.split(along, ends[:-1], axis=1)
+    parts = _by_record(model, along)
     if candidate.effect.n_states:
         parts = [part[:, part.shape[1] // 2 :] for part in parts]
     moves = np.concatenate([part - np.mean(part, axis=1, keepdims=True) for part in parts], axis=1)
@@ -264,10 +263,9 @@ def creeping(model: Null, candidate: Candidate, told: FitResult) -> str:
     along = _along(model, candidate, told)
     if along is None:
         return ""
-    half = 0.5 * abs(told.theta[f"{candidate.name}.width"])
-    ends = np.cumsum([one.n_samples for one in model.experiments])
+    half = 0.5 * _width(candidate, told)
     crept, held = 0.0, 0.0
-    for u, y in np.split(along, ends[:-1], axis=1):
+    for u, y in _by_record(model, along):
         resting = _resting(u, y[0], half)
         crept += float(np.sum((y - resting) ** 2))
         held += float(np.sum((u - resting - np.mean(u - resting)) ** 2))
@@ -283,9 +281,14 @@ def too_wide(model: Null, candidate: Candidate, told: FitResult) -> str:
     if candidate.effect.class_name != PLAY:
         return ""
     along = _along(model, candidate, told)
-    width = abs(told.theta[f"{candidate.name}.width"])
+    width = _width(candidate, told)
     most = np.inf if along is None else float(np.ptp(along[0]))
     return "" if width < most else f"it is wider ({width:.4g}) than all that the signal does ({most:.4g})"
+
+
+def _width(candidate: Candidate, told: FitResult) -> float:
+    """Of a play, in the unit of its signal."""
+    return abs(told.theta[f"{candidate.name}.width"])
 
 
 def _resting(u: np.ndarray, first: float, half: float) -> np.ndarray:
@@ -414,6 +417,12 @@ def _along(model: Null, candidate: Candidate, told: FitResult) -> np.ndarray | N
     names = [f"{candidate.name}.{one}" for one in candidate.effect.connectors]
     along = values_along(grown(model, model.flat, model.explicit, told, model.experiments), names)
     return along if along is not None and np.all(np.isfinite(along)) else None
+
+
+def _by_record(model: Null, along: np.ndarray) -> list[np.ndarray]:
+    """What `_along` tells (2, n), for each of the recordings."""
+    ends = np.cumsum([one.n_samples for one in model.experiments])
+    return np.split(along, ends[:-1], axis=1)
 
 
 def _tells_one(u: np.ndarray, change: np.ndarray) -> bool:

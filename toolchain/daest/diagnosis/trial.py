@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from daest.estimation.fitted import fitted_model
-from daest.estimation.signals import fit_percent, white_part
+from daest.estimation.result import agreement_of
 from daest.model.comparison import Horizon
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FitResult
@@ -92,19 +92,13 @@ class Trial:
 def agreement(flat: Model, experiments: Sequence[Experiment], outputs: Sequence[np.ndarray]) -> Agreement:
     """100 (1 - |y - ŷ| / |y - mean y|) and rms per output; the mean is that of each recording. Shapes:
     outputs ŷ (n_samples, n_y) per experiment."""
-    fits: dict[str, float | None] = {}
-    rms: dict[str, float | None] = {}
-    white: dict[str, float | None] = {}
-    for j, output in enumerate(flat.outputs):
-        measured = [e.outputs[:, j] for e in experiments]
-        errors = [y - simulated[:, j] for y, simulated in zip(measured, outputs, strict=True)]
-        seen = np.concatenate([error[np.isfinite(y)] for y, error in zip(measured, errors, strict=True)])
-        error = float(np.sum(seen**2))
-        known = seen.size > 0 and np.isfinite(error)
-        rms[output.name] = float(np.sqrt(error / seen.size)) if known else None
-        fits[output.name] = fit_percent(measured, error) if known else None
-        white[output.name] = white_part(measured, errors) if known else None
-    return Agreement(fits, rms, white)
+    measured = [e.outputs for e in experiments]
+    errors = [y - simulated for y, simulated in zip(measured, outputs, strict=True)]
+    # An output is not known where it was measured and the simulation has no value.
+    squares = [np.where(np.isfinite(y), error, 0.0) ** 2 for y, error in zip(measured, errors, strict=True)]
+    lost = ~np.isfinite(np.sum([np.sum(one, axis=0) for one in squares], axis=0))
+    names = [output.name for output in flat.outputs]
+    return agreement_of(names, measured, [np.where(lost, np.nan, error) for error in errors])
 
 
 def inputs_and_slopes(explicit: Dynamics, experiment: Experiment, hold: Hold) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.held_values import OtherValue
 from daest.diagnosis.load_starts import LoadStart, takes_over
 from daest.diagnosis.null import Null
 from daest.diagnosis.reasons import is_significant, told_values
@@ -271,21 +272,7 @@ def _as_well_inside(evidence: Evidence, proof: Proof) -> Decided | None:
     return replace(decided, message=decided.message + told)
 
 
-class OtherAnswer(Protocol):
-    """What a parameter of the model may be that says as much as a law: what that is called, what is to be
-    done before the law is believed, and which measurement settles it."""
-
-    @property
-    def answer(self) -> str: ...
-
-    @property
-    def advice(self) -> str: ...
-
-    @property
-    def settled_by(self) -> str: ...
-
-
-def beside_value(evidence: Evidence, decided: Decided, law: Proof, other: OtherAnswer) -> Decided:
+def beside_value(evidence: Evidence, decided: Decided, law: Proof, other: OtherValue) -> Decided:
     """What was `decided`, where `other` says as much as an accepted law: a parameter makes no claim of a
     law."""
     told = replace(law, verdict="not separable", not_separable_from=(*law.not_separable_from, other.answer))

@@ -92,11 +92,11 @@ def flow_unit(flat: FlatModel, site: Site) -> str:
     return _FLOWS[site.domain] if balance is not None and balances_flows(flat, balance) else ""
 
 
-def flow_in_row(flat: FlatModel, row: int) -> ca.SX:
-    """By what a flow in the unit of `flow_unit` is multiplied in equation `row`; 1 where the equation is no
-    balance, or does not tell."""
-    factors = (flow_factor(flat, balance) for balance in balances(flat) if balance.row == row)
-    return next((factor for factor in factors if factor is not None), ONE)
+def flows_in_rows(flat: FlatModel, rows: Sequence[int]) -> list[ca.SX]:
+    """By what a flow in the unit of `flow_unit` is multiplied in each of the equations `rows`; 1 where that
+    is no balance, or does not tell."""
+    known = {b.row: balance_entry(flat, b).factor for b in balances(flat) if b.row in rows}
+    return [known.get(row, ONE) for row in rows]
 
 
 def _balance_of(flat: FlatModel, name: str) -> Balance | None:
@@ -154,8 +154,9 @@ def _slope_of_flow(flat: FlatModel, balance: Balance, unit: str) -> ca.SX | None
     """By what a flow in `unit` is multiplied in the equation of a variable that is in a unit of its own,
     whose scale may be anywhere in it: as a known flow is that stands there, an input or an unknown. None
     where there is none, or where its factor changes as the model moves."""
-    for slope, scale in _flows_in(flat, balance, unit):
-        if is_of_parameters(flat, slope):
+    for symbol, scale in _flows(flat, unit):
+        slope = ca.jacobian(flat.residual[balance.row], symbol)
+        if slope.nnz() and is_of_parameters(flat, slope):
             return ca.simplify(-balance.sign * slope / scale)
     return None
 
@@ -163,19 +164,17 @@ def _slope_of_flow(flat: FlatModel, balance: Balance, unit: str) -> ca.SX | None
 def _has_flow_of_other_scale(flat: FlatModel, balance: Balance, unit: str) -> bool:
     """Whether a flow in the equation is in kW, say, where that of the domain is in W: then all its terms
     are."""
-    return any(scale != 1.0 for _, scale in _flows_in(flat, balance, unit))
+    row = flat.residual[balance.row]
+    return any(scale != 1.0 and ca.depends_on(row, symbol) for symbol, scale in _flows(flat, unit))
 
 
-def _flows_in(flat: FlatModel, balance: Balance, unit: str) -> Iterator[tuple[ca.SX, float]]:
-    """Of each unknown and input that stands in the equation and converts to `unit`, its slope there and the
-    scale of its own unit."""
+def _flows(flat: FlatModel, unit: str) -> Iterator[tuple[ca.SX, float]]:
+    """The unknowns and inputs that convert to `unit`, each with the scale of its own unit."""
     known = [*zip(flat.unknowns, ca.vertsplit(flat.xi), strict=True)]
     known += zip(flat.inputs, ca.vertsplit(flat.u) if flat.u.numel() else [], strict=True)
     for variable, symbol in known:
         if is_of(variable.unit, unit):
-            slope = ca.jacobian(flat.residual[balance.row], symbol)
-            if slope.nnz():
-                yield slope, conversion(variable.unit, unit).scale
+            yield symbol, conversion(variable.unit, unit).scale
 
 
 def balance_entry(flat: FlatModel, balance: Balance) -> Entry:
