@@ -29,6 +29,11 @@ MACHINES = {
     ),
     "Pa": ("p", 'Real p(unit="Pa"); input Real u(unit="m3/s");', "J*1e-9*der(p) = u - 1e-8*p;"),
     "bar": ("p", 'Real p(unit="bar"); input Real u(unit="l/min");', "J*1e-4*der(p) = u/60000 - 1e-3*p;"),
+    "leaving": (
+        "p",
+        'Real p(unit="bar"), q(unit="l/min"); input Real u(unit="l/min");',
+        "q = 60*p; 6*J*der(p) = u - q;",
+    ),
     "K": (
         "T",
         'Real T(unit="K", start=300); input Real u(unit="W");',
@@ -50,6 +55,7 @@ PAIRS = [
         marks=pytest.mark.slow,
     ),
     ("Pa", "bar", "Hydraulic.Leak", 2e-8, 2e-3, 6e4, 1e-5, 0.0),
+    ("Pa", "leaving", "Hydraulic.Leak", 2e-8, 2e-3, 6e4, 1e-5, 0.0),
     ("K", "degF", "Thermal.RadiationLoss", 2.0, 30.0, 1e-3, 1.8, -459.67),
 ]
 

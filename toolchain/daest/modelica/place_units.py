@@ -13,7 +13,7 @@ from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
 from daest.modelica.balances import DOMAINS, Balance, balances, base_unit
 from daest.modelica.connectors import LEVEL, MASS_FLOW, connectors_of
-from daest.modelica.factors import ONE, Entry, are_same, divisors, factors, is_of_parameters
+from daest.modelica.factors import ONE, Entry, are_same, divisors, factors, given_value, is_of_parameters
 from daest.quantities import conversion, dimensions, is_of
 
 _FLOWS: dict[Domain, str] = {
@@ -152,12 +152,13 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
 
 def _slope_of_flow(flat: FlatModel, balance: Balance, unit: str) -> ca.SX | None:
     """By what a flow in `unit` is multiplied in the equation of a variable that is in a unit of its own,
-    whose scale may be anywhere in it: as a known flow is that stands there, an input or an unknown. None
-    where there is none, or where its factor changes as the model moves."""
+    whose scale may be anywhere in it: as a known flow is that stands there, an input or an unknown, whether it
+    comes or leaves. None where there is none, or where its factor changes as the model moves."""
     for symbol, scale in _flows(flat, unit):
         slope = ca.jacobian(flat.residual[balance.row], symbol)
         if slope.nnz() and is_of_parameters(flat, slope):
-            return ca.simplify(-balance.sign * slope / scale)
+            direction = -1.0 if given_value(flat, slope) < 0.0 else 1.0
+            return ca.simplify(direction * slope / scale)
     return None
 
 
