@@ -1096,6 +1096,10 @@ def test_parameter_that_is_lost_beside_loads_is_found_again():
     assert {name: values[name] for name in again.names} == pytest.approx(
         {name: proof.final.theta[name] for name in again.names}
     )
+    # A refit that has ended below the estimates without loads, which it contains, has stopped on its way.
+    below = replace(proof.fit, log_likelihood=proof.final.log_likelihood - 50.0)
+    calm = from_simulation(known, replace(proof, fit=below))
+    assert calm is not None and calm.simulation is proof.final
 
 
 def test_sensor_is_tried_near_its_full_size_from_where_the_user_began():

@@ -27,7 +27,6 @@ from daest.diagnosis.open_loop import (
 )
 from daest.diagnosis.ranking import ahead_of, least_hope
 from daest.diagnosis.reasons import (
-    LOST,
     beyond_recordings,
     is_history,
     lag_too_short,
@@ -44,7 +43,7 @@ from daest.diagnosis.reasons import (
     wrong_law,
 )
 from daest.diagnosis.screen import NullObserver, run_null
-from daest.diagnosis.settled import better_of, fit_by_simulation, settled
+from daest.diagnosis.settled import LOST, better_of, fit_by_simulation, settled
 from daest.diagnosis.trials import Prepared
 from daest.diagnosis.unseen import (
     Foreseen,

@@ -15,6 +15,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null, grown
 from daest.diagnosis.open_loop import driven_share, largest_values, values_along
 from daest.diagnosis.screen import NullObserver, law_response, run_null
+from daest.diagnosis.settled import LOST
 from daest.diagnosis.trials import Prepared
 from daest.errors import DaestError
 from daest.estimation.records import longest_duration
@@ -26,9 +27,6 @@ from daest.model.fit import FitResult, FittedParameter
 from daest.modelica.balances import needs_position
 from daest.quantities import spoken_duration
 
-LOST = (
-    5.0  # log-likelihood below that of the null, which a law contains, from which a search has lost its way
-)
 ABSOLUTE_VALUE = "Daest.Effects.Signals.AbsoluteValueSensor"
 GAIN = "Daest.Effects.Signals.Gain"
 PLAY = "Daest.Effects.Signals.Play"

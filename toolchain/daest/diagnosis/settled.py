@@ -35,6 +35,7 @@ FEWEST_BATCHES = 8
 SIMULATED_ITERATIONS = 40
 ROUGH_START = 3  # iterations of the search for the initial states of a simulation that is to be rough
 FAR = 100.0  # times its start value, or that part of it, at which a parameter may be lost
+LOST = 5.0  # log-likelihood below that of a model which it contains, from which a search has lost its way
 
 
 def settled(

@@ -11,7 +11,7 @@ import numpy as np
 from daest.diagnosis.clipping import SATURATION, Clip
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
-from daest.diagnosis.settled import FAR
+from daest.diagnosis.settled import FAR, LOST
 from daest.model.diagnosis import Candidate, Proof, Screen
 from daest.model.fit import FitResult
 from daest.model.flat import ExplicitModel, FlatModel, with_equations
@@ -224,15 +224,18 @@ def at_full_size(null: Null, prepared: Prepared) -> tuple[Callable[[], Prepared]
 def from_simulation(prepared: Prepared, proof: Proof) -> Prepared | None:
     """The candidate of `proof` at its estimates without loads, where the refit beside them has lost a
     parameter that those keep: a load that is free enough does without an input, say, and nothing can be told
-    of a model that has none. None where nothing is lost."""
+    of a model that has none. And with hardly any loads, where the refit has ended below those estimates,
+    which it contains. None where nothing is lost."""
     if proof.final is None:
         return None
+    is_below = proof.final.log_likelihood > proof.fit.log_likelihood + LOST
     kept = {name: proof.final.theta[name] for name in prepared.names if name in proof.final.theta}
     apart = [proof.fit.theta[name] / value for name, value in kept.items() if value]
-    if not any(0.0 < ratio < 1.0 / FAR for ratio in apart):
+    if not is_below and not any(0.0 < ratio < 1.0 / FAR for ratio in apart):
         return None
     flat = with_equations(proof.flat, "a refit")
     known = {p.name: p for p in flat.parameters}
     inside = {name: _inside(value, known[name].min, known[name].max) for name, value in kept.items()}
     trial = replace(prepared.trial, candidate=proof.candidate)
-    return replace(prepared, trial=trial, flat=flat.with_theta(inside), simulation=None, explicit=None)
+    calm = proof.final if is_below else None
+    return replace(prepared, trial=trial, flat=flat.with_theta(inside), simulation=calm, explicit=None)
