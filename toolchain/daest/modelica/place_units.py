@@ -152,7 +152,7 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
 
 def _slope_of_flow(flat: FlatModel, balance: Balance, unit: str) -> ca.SX | None:
     """By what a flow in `unit` is multiplied in the equation of a variable that is in a unit of its own,
-    whose scale may be anywhere in it: as a known flow is that stands there, an input or an unknown, whether it
+    whose scale may be anywhere in it: as a known flow is that stands there, an input or an unknown, which
     comes or leaves. None where there is none, or where its factor changes as the model moves."""
     for symbol, scale in _flows(flat, unit):
         slope = ca.jacobian(flat.residual[balance.row], symbol)
