@@ -1,16 +1,20 @@
-"""A pendulum that a controller holds upright while it is recorded, and that no simulation keeps there."""
+"""A pendulum that a controller holds upright while it is recorded, and a ball under a magnet: no simulation
+keeps them there."""
 
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screen import run_null
 from daest.diagnosis.stand import begin, halved
+from daest.errors import NumericalError
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 from daest.numerics.statistics import whiteness_p_value
+from daest.systems.simulate import simulate
 
 UPRIGHT = """model Upright
   parameter Real J(unit = "kg.m2", min = 0) = 0.05 annotation(__Daest(estimate = true));
@@ -51,4 +55,46 @@ def test_observer_is_that_of_the_machine_where_it_was_held_and_not_where_it_fall
     fastest = np.max(np.linalg.eigvals(run.average.A).real)
     assert abs(fastest / (np.sqrt(1.5 / J + (D / J / 2.0) ** 2) - D / J / 2.0) - 1.0) < 0.05
     (observed,) = run.observed
+    assert whiteness_p_value(observed.whitened[:, 0], np.ones(len(observed.whitened), dtype=bool)) > 0.01
+
+
+MAGNET = """model Magnet
+  parameter Real k(unit = "N.m2/A2", min = 0) = 2.2e-4 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real m(unit = "kg") = 0.35;
+  input Real i(unit = "A");
+  output Real gap(unit = "mm") annotation(__Daest(std = 0.01));
+  Real g(unit = "m", start = 0.009);
+  Real v(unit = "m/s", start = 0);
+equation
+  der(g) = v;
+  m*der(v) = m*9.81 - k*(i/g)^2;
+  gap = 1000*g;
+end Magnet;
+"""
+K, TICK = 2.1e-4, 0.002
+
+
+def ball(n: int = 800) -> Experiment:
+    """The gap of a ball that a controller holds under a magnet, with noise of 0.01 mm."""
+    rng, state, rows = np.random.default_rng(5), np.array([0.009, 0.0]), []
+    for goal in np.repeat(rng.uniform(0.008, 0.010, n // 20), 20):
+        i = max(0.0, 0.009 * np.sqrt(0.35 * 9.81 / K) + 400.0 * (state[0] - goal) + 14.0 * state[1])
+        rows.append([i, 1e3 * state[0] + 0.01 * rng.normal()])
+        motion = solve_ivp(
+            lambda _, x, i=i: [x[1], 9.81 - K * (i / x[0]) ** 2 / 0.35],
+            (0.0, TICK), state, rtol=1e-10, atol=1e-13,
+        )  # fmt: skip
+        state = motion.y[:, -1]
+    i, gap = np.array(rows).T
+    return Experiment("ball", TICK * np.arange(n), i[:, None], gap[:, None], ("i",), ("gap",))
+
+
+def test_model_that_falls_into_a_singularity_is_led_by_the_record():
+    """With a coefficient 5 % too large the ball is at the magnet before a tenth of the record has passed."""
+    flat, record = compile_text(MAGNET.encode(), Path("Magnet.mo")), ball()
+    with pytest.raises(NumericalError):
+        simulate(flat, (record.time, record.inputs), hold="zoh")
+    null = begin(flat, *halved((record,), ()), DiagnoseOptions(hold="zoh")).null
+    assert null.fit.theta["k"] == pytest.approx(K, rel=0.003)
+    (observed,) = run_null(null).observed
     assert whiteness_p_value(observed.whitened[:, 0], np.ones(len(observed.whitened), dtype=bool)) > 0.01

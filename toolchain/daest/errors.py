@@ -820,8 +820,9 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "identify-no-start": (
         "The outputs or their likelihood are not finite at the start values, so the search has nowhere to "
-        "begin. An unstable model overflows in a long simulation; the prediction-error method (pem) handles "
-        "it. Otherwise mend the start values."
+        "begin. A long simulation of an unstable model overflows, or ends in a singularity; the "
+        "prediction-error method (pem) with a process noise ([noise.process]) leans on the record. "
+        "Otherwise mend the start values."
     ),
     "identify-nothing-to-estimate": (
         "No parameter is marked as unknown. Mark parameters in the model by annotation(__Daest(estimate = "

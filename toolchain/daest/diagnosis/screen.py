@@ -36,6 +36,7 @@ from daest.diagnosis.null import Null
 from daest.diagnosis.size_slopes import Sizes, sizes_of, slopes_over
 from daest.errors import EstimationError
 from daest.estimation.observer import AverageModel, average_model, observer
+from daest.estimation.records import RUN_LENGTHS, part_of
 from daest.model.diagnosis import Candidate, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel
@@ -118,13 +119,12 @@ def run_null(null: Null) -> NullObserver:
     starts = [np.array([state.get(name, 0.0) for name in names]) for state in null.initial_states]
     longest = int(np.argmax([e.n_samples for e in null.experiments]))
     experiment = null.experiments[longest]
-    free = integrate(
-        model, experiment.time, experiment.inputs, null.theta, starts[longest], hold=null.hold, rtol=RTOL
-    )
-    average = _average(null, experiment, free)
+    piece, free = _simulated(null, model, experiment, starts[longest])
+    average = _average(null, piece, free)
     whole = _whole_gain(null, average)
     gain, runs, errors = _followed(null, model, starts, whole)
-    if _has_run_away(null, experiment.outputs - free.outputs, GATES.free_runaway):
+    is_whole = piece is experiment
+    if not is_whole or _has_run_away(null, experiment.outputs - free.outputs, GATES.free_runaway):
         # What falls over in a simulation is held by an observer, and bends otherwise there.
         average = _average(null, experiment, runs[longest])
         whole = _whole_gain(null, average)
@@ -136,6 +136,21 @@ def run_null(null: Null) -> NullObserver:
         _observed(null, *one, gain, root) for one in zip(null.experiments, runs, errors, strict=True)
     )
     return NullObserver(null, names, average, gain, gain is whole and bool(np.any(gain)), root, observed)
+
+
+def _simulated(
+    null: Null, model: Integrator, experiment: Experiment, start: np.ndarray
+) -> tuple[Experiment, Trajectory]:
+    """The experiment, or as much of its beginning as a simulation gets through, and this simulation."""
+    pieces = (part_of(experiment, 0, length) for length in RUN_LENGTHS if length < experiment.n_samples)
+    for piece in (experiment, *pieces):
+        try:
+            return piece, integrate(
+                model, piece.time, piece.inputs, null.theta, start, hold=null.hold, rtol=RTOL
+            )
+        except IntegrationError as error:
+            failure = error
+    raise failure
 
 
 def _observed(

@@ -27,7 +27,7 @@ from daest.estimation.noise_levels import (
     without_family,
 )
 from daest.estimation.nonlinear_result import AGREEMENT_ITERATIONS, NonlinearEnds
-from daest.estimation.nonlinear_search import best_ends, search_of, with_likelier_hold
+from daest.estimation.nonlinear_search import best_ends, leaning, search_of, with_likelier_hold
 from daest.estimation.nonlinear_start import (
     check_nonlinear_start,
     limits,
@@ -159,6 +159,9 @@ def nonlinear_ends(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> Non
     """The ends of the searches of `identify_nonlinear`, which raises the same."""
     setup, problem, home = nonlinear_start(explicit, setup)
     problem, z = with_hold(problem, home, setup.options)
+    if setup.method == "pem" and setup.intensity.size and setup.options.shooting is None:
+        problem, z = leaning(problem, z)
+        home = z
     z = _checked_start(setup, problem, z, home)
     ends = best_ends(setup, problem, z, home, tell)
     for _ in range(HOLD_ROUNDS if setup.options.max_iterations else 0):
@@ -255,6 +258,7 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
     problem = replace(problem, rtol=WARM_RTOL)
     problem, z = scaled(problem, np.concatenate([problem.unknowns.start, *x0]))
     problem = replace(problem, atol_of_scale=WARM_ATOL_OF_SCALE)
+    problem, z = leaning(problem, z)
     average = average_along(problem, z)
     ends: list[Ending] = []
     for share in warm.shares:

@@ -188,17 +188,23 @@ def _sizes(
 
 
 def assumed(
-    problem: TrajectoryProblem, z: np.ndarray, levels: Levels | None, factors: Sequence[float]
+    problem: TrajectoryProblem,
+    z: np.ndarray,
+    levels: Levels | None,
+    factors: Sequence[float],
+    run: TrajectoryProblem | None = None,
 ) -> tuple[TrajectoryProblem, Levels] | None:
     """The predictor for an assumed noise on every state, and its levels: the most likely of `levels`, by
-    default as large as the measurement noise, with the intensity times each of `factors`. None where the
-    model cannot be run at z or no level makes a gain. Shapes: z (n_z,)."""
-    average = average_along(problem, z)
+    default as large as the measurement noise, with the intensity times each of `factors`. The model is
+    linearised where the `run` is, by default that of the problem. None where that cannot be run at z or no
+    level makes a gain. Shapes: z (n_z,)."""
+    run = problem if run is None else run
+    average = average_along(run, z)
     if average is None:
         return None
     average = replace(average, G=np.diag(problem.state_scale))
     if levels is None:
-        std = _rough_std(problem, z)
+        std = _rough_std(run, z)
         levels = Levels(_unit_intensity(average, std), std)
     best: tuple[float, Observer, Levels] | None = None
     for factor in factors:

@@ -28,10 +28,11 @@ from daest.estimation.noise_levels import (
     gained,
     with_gain,
 )
-from daest.estimation.nonlinear_start import asked_holds, called_back, further_starts, limits
+from daest.estimation.nonlinear_start import asked_holds, called_back, further_starts, limits, scaled
 from daest.estimation.observer import observer
 from daest.estimation.optimum import Search, best_point, coloured, lost, rank, scanned
 from daest.estimation.profile import Tell
+from daest.estimation.records import RUN_LENGTHS, part_of
 from daest.estimation.search import Found
 from daest.estimation.setup import Setup, no_start
 from daest.estimation.shooting import Cut, default_segments, search_by_shooting, start_of
@@ -112,7 +113,9 @@ def _predicted(
     end: Ending | None = None
     for number in range(NOISE_ROUNDS):
         z = first if end is None else end.found.z
-        tried, levels = with_gain(setup, problem, z, None if end is None else end.levels)
+        # A model that falls over may have come to where no simulation without the gain gets through.
+        run = problem if end is None or average_along(problem, z) is not None else end.problem
+        tried, levels = with_gain(setup, run, z, None if end is None else end.levels)
         search = search_of(tried, home, setup.options.max_iterations, LEADING_GAIN)
         is_doubtful = partial(is_coloured, tried)
         found = best_point(search, [z], is_doubtful, () if number else others)
@@ -213,6 +216,22 @@ def _led(problem: TrajectoryProblem, home: np.ndarray) -> Iterator[np.ndarray]:
             break
     if end is not None:
         yield end[1]
+
+
+def leaning(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProblem, np.ndarray]:
+    """The problem as a predictor that leans on the record where no simulation from the beginning gets through
+    it, and z in its scales: a ball under a magnet falls on it within tenths of a second, whatever the values.
+    Its gain is that of an assumed noise on every state, where the model can be run over a piece at least.
+    Shapes: z (n_z,)."""
+    if prediction_errors(problem, z) is not None or not problem.n_states:
+        return problem, z
+    for length in RUN_LENGTHS:
+        pieces = tuple(part_of(e, 0, length) for e in problem.experiments)
+        run, there = scaled(replace(problem, experiments=pieces), z)
+        chosen = assumed(replace(problem, state_scale=run.state_scale), there, None, ASSUMED, run)
+        if chosen is not None:
+            return chosen[0], there
+    return problem, z
 
 
 def with_likelier_hold(end: Ending, home: np.ndarray, options: IdentifyOptions) -> Ending:

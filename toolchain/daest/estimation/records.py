@@ -18,6 +18,7 @@ from daest.model.linear import StateSpaceFamily
 from daest.systems.state_space import stacked_inputs
 
 MAX_GRID_GROWTH = 4  # a grid that would have more than this many samples per recorded one is not used
+RUN_LENGTHS = (100, 20)  # samples over which a model is run to be linearised where it gets through no more
 
 
 def n_observed(experiments: Iterable[Experiment]) -> int:

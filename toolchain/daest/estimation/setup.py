@@ -153,7 +153,7 @@ def no_start(reason: str = "") -> EstimationError:
         "the model cannot be simulated at the start values: "
         + (reason or "it fails, or its outputs are not finite"),
         remedy="check the start values of parameters and states; smooth discontinuities with a width; "
-        "an unstable model overflows in a long simulation (use pem then)",
+        "an unstable model falls away from its record (pem with a noise of its process leans on that)",
     )
 
 
