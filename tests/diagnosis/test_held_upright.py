@@ -1,12 +1,15 @@
 """A pendulum that a controller holds upright while it is recorded, and a ball under a magnet: no simulation
 keeps them there."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hidden_plants import some_effects
 from scipy.integrate import solve_ivp
 
+from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screen import run_null
 from daest.diagnosis.stand import begin, halved
@@ -98,3 +101,18 @@ def test_model_that_falls_into_a_singularity_is_led_by_the_record():
     assert null.fit.theta["k"] == pytest.approx(K, rel=0.003)
     (observed,) = run_null(null).observed
     assert whiteness_p_value(observed.whitened[:, 0], np.ones(len(observed.whitened), dtype=bool)) > 0.01
+
+
+def test_sensor_of_a_ball_under_a_magnet_is_found_though_no_simulation_holds_it():
+    record = ball()
+    shifted = replace(record, outputs=record.outputs + 0.4)
+    found = diagnose(
+        compile_text(MAGNET.encode(), Path("Magnet.mo")),
+        some_effects("Offset"),
+        [shifted],
+        options=DiagnoseOptions(hold="zoh", places=("gap",)),
+    )
+    (proof,) = found.proofs
+    assert found.verdict == "supported", found.message
+    (b,) = (p for p in proof.told.parameters if p.name.endswith(".b"))
+    assert b.std_error is not None and b.value == pytest.approx(0.4, abs=4 * b.std_error)

@@ -73,7 +73,7 @@ def _ahead(followed: _Followed, experiments: Sequence[Experiment], horizon: int)
     def size(errors: np.ndarray) -> float:
         return float(np.nanmean((errors @ root.T) ** 2))
 
-    if not _falls_over(followed.run) or size(own) <= size(_all_kept(experiments, horizon)):
+    if size(own) <= size(_all_kept(experiments, horizon)) or not _falls_over(followed.run):
         return own
     found = [own]
     for run in _louder(followed.run):
