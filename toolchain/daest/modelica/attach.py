@@ -149,6 +149,7 @@ class _Assembly:
                     self._flow_rows[member] = one.row
         self._potential_rows: dict[str, list[int]] | None = None
         self._names = names_of(flat)
+        self._attached: set[str] = set()
         self._laws: dict[str, list[str]] = {}
         self._note_laws(self.equations)
 
@@ -172,6 +173,7 @@ class _Assembly:
             initial_residual=column(self.initial_residual),
             derived_parameters=tuple(self.derived),
             derived_values=column(self.derived_values),
+            attached=self.flat.attached | self._attached,
         )
 
     @cached_property
@@ -279,6 +281,7 @@ class _Assembly:
                 remedy=f"Choose another name, such as {component_name(placement.effect, self._names)}.",
             )
         self._names.add(name)
+        self._attached.add(name)
         return name
 
     def _parameters(self, member: _Member, placement: Placement) -> list[ca.SX]:
