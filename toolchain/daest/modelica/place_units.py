@@ -173,8 +173,8 @@ def _has_flow_of_other_scale(flat: FlatModel, balance: Balance, unit: str) -> bo
 
 
 def _flows(flat: FlatModel, unit: str) -> Iterator[tuple[ca.SX, float]]:
-    """The unknowns and inputs that convert to `unit`, each with the scale of its own unit; not those of effects
-    that were put in, which were told their factor themselves."""
+    """The unknowns and inputs that convert to `unit`, each with the scale of its own unit; not those of
+    effects that were put in, which were told their factor themselves."""
     known = [*zip(flat.unknowns, ca.vertsplit(flat.xi), strict=True)]
     known += zip(flat.inputs, ca.vertsplit(flat.u) if flat.u.numel() else [], strict=True)
     for variable, symbol in known:
