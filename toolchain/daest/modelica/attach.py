@@ -519,7 +519,7 @@ class _Assembly:
 
     def _behind_signal(self, member: _Member, name: str) -> None:
         """The uses of a signal inside of the model take the effect's output: connections to other blocks, or
-        all equations but that which gives it."""
+        all equations but that which gives it, or its rate."""
         owner = name.rpartition(".")[0]
         kept = [
             i
@@ -528,6 +528,8 @@ class _Assembly:
             and (e.origin == owner if owner else e.text.partition(" = ")[0] == name)
         ]
         source = self._symbol[name]
+        rate = self.derivatives[[x.name for x in self.unknowns].index(name)]
+        kept = kept or ca.jacobian_sparsity(column(self.residual), rate).row()
         self._substitute(source, member.symbols["y"], name, f"{member.name}.y", member, kept)
         self._connect(name, source, f"{member.name}.u", member.symbols["u"])
 
