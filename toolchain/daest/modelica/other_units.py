@@ -20,7 +20,7 @@ SCALES = {  # another size of every base unit; no power of one is a power of oth
 
 
 def in_other_units(units: Sequence[str], scales: Mapping[str, float]) -> np.ndarray:
-    """What one of each unit is in the changed base units; a quantity without a unit stays."""
+    """What one of each of n units is in the changed base units, (n,); a quantity without a unit stays."""
     return np.array([power_of(scales, dimensions(unit) or {}) for unit in units])
 
 
