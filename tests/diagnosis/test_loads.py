@@ -187,9 +187,12 @@ HOURS = b"""model Hours
   parameter Real C(unit = "kW.h/K") = 2;
   input Real u(unit = "kW");
   output Real y(unit = "degC") = T;
+  parameter Real G(unit = "kW/K") = 2;
   Real T(unit = "degC");
+  Real S(unit = "degC");
 equation
-  C*der(T) = u - 0.2*T;
+  C*der(T) = u - G*(T - S);
+  C*der(S) = G*(T - S);
 end Hours;
 """
 

@@ -50,15 +50,14 @@ def _has_longer_unit(flat: FlatModel) -> bool:
 
 
 def _told(flat: FlatModel) -> Iterator[float]:
-    """The seconds in the unit of time, as every rate tells beside every other term of its row; not in rows of
-    loads and effects that were put in, whose times are not the model's."""
-    units = [x.unit for x in (*flat.unknowns, *flat.inputs)]
+    """The seconds in the unit of time, as every rate tells beside every other term of its row; not those of
+    loads and effects that were put in, whose units are not the model's."""
+    put_in = flat.attached.union(e.origin for e in flat.equations if e.origin in flat.unknown_names)
+    known = [*flat.unknowns, *flat.inputs]
+    units = ["" if x.name.partition(".")[0] in put_in else x.unit for x in known]
     rates = ca.jacobian(flat.residual, flat.derivatives)
     terms = ca.jacobian(flat.residual, ca.vertcat(flat.xi, flat.u))
-    put_in = flat.attached.union(flat.unknown_names)
     for row, variable in zip(*rates.sparsity().get_triplet(), strict=True):
-        if flat.equations[row].origin.partition(".")[0] in put_in:
-            continue
         for at in terms[row, :].sparsity().get_triplet()[1]:
             pair = [rates[row, variable], terms[row, at]]
             if units[variable] and units[at] and is_of_parameters(flat, ca.vertcat(*pair)):
