@@ -200,4 +200,5 @@ end Hours;
 def test_the_times_of_loads_do_not_tell_what_the_model_counts_time_in():
     flat = compile_text(HOURS, Path("Hours.mo"))
     assert clock_unit(flat) == "h"
-    assert clock_unit(with_loads(flat, load_places(flat, load_sites(flat)), [1.0])) == "h"
+    places = load_places(flat, load_sites(flat))
+    assert clock_unit(with_loads(flat, places, [1.0] * len(places))) == "h"
