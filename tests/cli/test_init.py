@@ -172,6 +172,15 @@ def test_what_a_model_gives_its_components_is_proposed_where_it_has_nothing_of_i
     assert document["estimate"] == document["proposed"] == ["room.C", "wall.G"]
 
 
+def test_a_parameter_that_is_nothing_but_a_start_is_not_proposed(box, daest):
+    text = (box / "Box.mo").read_text()
+    begun = text.replace(
+        "  parameter Real share", '  parameter Real T0(unit = "K") = 18;\n  parameter Real share'
+    )
+    (box / "Box.mo").write_text(begun.replace("start = 18", "start = T0"))
+    assert "T0" not in json.loads(daest("init", "Box.mo", "box.csv", "--format", "json")[1])["proposed"]
+
+
 def test_parameters_chosen_on_the_command_line_are_written(box, daest):
     options = ["--fix", "C=5e5", "--set", "G=20", "--estimate", "G", "--estimate", "share"]
     code, out, err = daest("init", "Box.mo", "box.csv", *options, "--prior", "share=0.5,0.1")

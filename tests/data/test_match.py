@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from daest.data.match import match_columns, named_units, unitless_findings
+from daest.data.match import clock_findings, match_columns, named_units, unitless_findings
 from daest.data.read import Signal, with_units
 from daest.data.table import (
     Column,
@@ -89,6 +89,11 @@ def test_whole_numbers_without_a_unit_are_doubted():
     assert [f.level for f in unit_findings(clock("time", [0, 600, 1200]))] == ["note"]
     assert not unit_findings(clock("t", [0, 0.5, 1.0]))
     assert not unit_findings(clock("t_ms", [0, 5, 10]))
+
+
+def test_a_time_that_is_read_in_seconds_is_warned_of_where_the_model_counts_hours():
+    assert [f.code for f in clock_findings(table("time [h]", "x"), "h")] == ["check-model-clock"]
+    assert not clock_findings(table("time", "x"), "h") and not clock_findings(table("time [h]", "x"), "s")
 
 
 def test_a_column_with_a_unit_for_a_signal_without_is_warned_of():

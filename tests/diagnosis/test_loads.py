@@ -9,6 +9,7 @@ from hidden_plants import model
 
 from daest.diagnosis.loads import load_places, load_sites, with_loads
 from daest.diagnosis.stand import without_noises
+from daest.modelica.clock import clock_unit
 from daest.modelica.compile import compile_text
 from daest.modelica.sites import sites
 from daest.systems.state_space import state_space, state_space_family
@@ -180,3 +181,24 @@ def acceleration(text):
     with_load = with_loads(flat, places, [1.0])
     loaded = state_space(state_space_family(with_load), with_load.theta_values)
     return place.unit, float(np.max(np.abs(loaded.A - np.diag(np.diag(loaded.A)))))
+
+
+HOURS = b"""model Hours
+  parameter Real C(unit = "kW.h/K") = 2;
+  input Real u(unit = "kW");
+  output Real y(unit = "degC") = T;
+  parameter Real G(unit = "kW/K") = 2;
+  Real T(unit = "degC");
+  Real S(unit = "degC");
+equation
+  C*der(T) = u - G*(T - S);
+  C*der(S) = G*(T - S);
+end Hours;
+"""
+
+
+def test_the_times_of_loads_do_not_tell_what_the_model_counts_time_in():
+    flat = compile_text(HOURS, Path("Hours.mo"))
+    assert clock_unit(flat) == "h"
+    places = load_places(flat, load_sites(flat))
+    assert clock_unit(with_loads(flat, places, [1.0] * len(places))) == "h"

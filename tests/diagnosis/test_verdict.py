@@ -542,6 +542,6 @@ def test_fmu_is_judged_by_the_rules_of_equations():
 def test_a_simulation_that_gets_worse_is_told_as_worse(monkeypatch, adds_up):
     monkeypatch.setattr(verdict_module, "_error_ratio", lambda evidence, proof: 1.57)
     proof = SimpleNamespace(ahead=(Ahead(50, 0.2, 0.28, 9.0),), adds_up=adds_up, is_by_use=False)
-    text = verdict_module._importance(None, proof)
+    text = verdict_module._importance(SimpleNamespace(clock="s"), proof)
     assert "removes 72 % of the error of predictions 0.2 s ahead." in text
     assert "whole simulation gets 1.57 times larger" in text and ("it adds up" in text) == adds_up

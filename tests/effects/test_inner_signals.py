@@ -278,6 +278,17 @@ equation
 end Rudder;
 """
 
+GATE = """model Generator
+  parameter Real T(unit = "s") = 0.2;
+  input Real command(unit = "MW");
+  output Real f(unit = "Hz", start = 0);
+  Real gate(unit = "MW", start = 0);
+equation
+  T*der(gate) = command - 2*f - gate;
+  0.3*der(f) = gate - f;
+end Generator;
+"""
+
 
 def driven(t, x, limit):
     return [0.2 * np.clip((5.0 - 0.2 * x[0]) / 2, -limit, limit) / 0.01]
@@ -287,8 +298,14 @@ def turned(t, x, limit):
     return [(x[1] - x[0]) / 0.3, np.clip((5.0 - x[1]) / 0.2, -limit, limit)]
 
 
+def fed(t, x, limit):
+    return [(np.clip(x[1], -limit, limit) - x[0]) / 0.3, (5.0 - 2 * x[0] - x[1]) / 0.2]
+
+
 @pytest.mark.parametrize(
-    ("text", "name", "motion"), [(DRIVE, "i", driven), (RUDDER, "rate", turned)], ids=["current", "rate"]
+    ("text", "name", "motion"),
+    [(DRIVE, "i", driven), (RUDDER, "rate", turned), (GATE, "gate", fed)],
+    ids=["current", "rate", "gate"],
 )
 def test_what_an_actuator_gives_may_have_a_limit_and_no_other_law(tmp_path, text, name, motion):
     """Friction beside a limit of the current had been a curve over a force."""
@@ -300,7 +317,7 @@ def test_what_an_actuator_gives_may_have_a_limit_and_no_other_law(tmp_path, text
     assert fits(find_effect("Signals.OneSidedLimit"), site) and not fits(find_effect("Signals.Gain"), site)
     values = {"share": 1.0, "limit": 1.5, "u_s": 1e-3}
     written = extend_model(path, None, effect, site, values=values)
-    start, times = [0.0] * (1 + (name == "rate")), np.linspace(0.0, 1.0, 101)
+    start, times = [0.0] * (1 + (name != "i")), np.linspace(0.0, 1.0, 101)
     given = {"args": (1.5,), "t_eval": times, "rtol": 1e-9, "max_step": 0.01}
     expected = solve_ivp(motion, (0.0, 1.0), start, **given).y[0]
     for model in (attach(flat, effect, site, values=values), written.flat):

@@ -4,9 +4,12 @@ import pytest
 
 from daest.errors import ModelError
 from daest.modelica.attach import attach
+from daest.modelica.balances import balances
+from daest.modelica.clock import clock_unit
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import effect_library, find_effect
-from daest.modelica.place_units import flow_unit, units_at
+from daest.modelica.factors import given_value
+from daest.modelica.place_units import balance_entry, flow_unit, units_at
 from daest.modelica.sites import find_site, sites
 
 MODEL = """\
@@ -125,3 +128,81 @@ def test_a_unit_that_is_none_is_refused(tmp_path) -> None:
     with pytest.raises(ModelError, match="unit of `b`") as caught:
         effect_library([tmp_path])
     assert 'Write "u"' in caught.value.remedy
+
+
+HOURS = """\
+model Hours
+  parameter Real C(unit = "kW.h/K") = 2;
+  parameter Real G(unit = "kW/K") = 0.2;
+  parameter Real Tg(unit = "h") = 0.3;
+  input Real u(unit = "kW");
+  output Real y(unit = "degC");
+  Real T(unit = "degC");
+  Real q(unit = "kW");
+equation
+  Tg*der(q) = u - q;
+  C*der(T) = {factor}q - G*T;
+  y = T;
+end Hours;
+"""
+
+
+@pytest.mark.parametrize(
+    ("factor", "change", "clock"),
+    [
+        ("", ("", ""), "h"),
+        ("0.5*", ("", ""), "h"),  # 0.5 might be a conversion: G*T tells
+        ("", ("kW.h/K", "kW.d/K"), "s"),  # contradicts Tg
+        ("", ('"h"', '"s"'), "s"),
+    ],
+)
+def test_the_units_of_a_balance_tell_that_a_model_counts_time_in_hours(tmp_path, factor, change, clock):
+    file = tmp_path / "Hours.mo"
+    file.write_text(HOURS.format(factor=factor).replace(*change))
+    flat = compile_model(file)
+    assert clock_unit(flat) == clock
+    at = {site.name: site for site in sites(flat)}
+    assert units_at(flat, find_effect("Lag"), at["y"])["T"] == clock
+    assert units_at(flat, find_effect("Drift"), at["y"])["r"] == f"degC/{clock}"
+    assert units_at(flat, find_effect("HeatLoss"), at["1:T"])["G"] == "W/K"
+
+
+OWN_UNITS = """\
+model Own
+  parameter Real J(unit = "kg.m2") = 2;
+  parameter Real T(unit = "s") = 3;
+  input Real brake(unit = "N.m");
+  input Real rudder(unit = "deg");
+  output Real y(unit = "rpm");
+  Real n(unit = "rpm");
+  Real r(unit = "deg/s");
+equation
+  J*der(n) = -9.5*brake - 0.1*n;
+  T*der(r) = rudder - r;
+  y = n;
+end Own;
+"""
+
+
+def test_a_known_flow_tells_the_factor_of_others_be_it_driving_or_braking(tmp_path):
+    file = tmp_path / "Own.mo"
+    file.write_text(OWN_UNITS)
+    flat = compile_model(file)
+    assert factor_at(flat, "0:n") == 9.5
+
+
+def test_an_effect_that_is_put_in_tells_no_unit_and_turns_no_sign(tmp_path):
+    file = tmp_path / "Own.mo"
+    file.write_text(OWN_UNITS)
+    flat = compile_model(file)
+    friction = find_effect("Rotational.CoulombFriction")
+    for place in ("0:n", "1:r"):
+        flat = attach(flat, friction, find_site(flat, place))
+    assert factor_at(flat, "0:n") == 9.5
+    assert factor_at(flat, "1:r") == 1.0 and units(flat, "Rotational.ConstantLoad", "1:r") == {"tau_0": ""}
+
+
+def factor_at(flat, name: str) -> float:
+    """By what a flow is multiplied in the balance of that name."""
+    balance = next(one for one in balances(flat) if one.name(flat) == name)
+    return given_value(flat, balance_entry(flat, balance).factor)

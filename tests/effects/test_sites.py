@@ -319,3 +319,27 @@ def test_an_effect_in_one_of_coupled_equations_does_not_move_the_next_one(tmp_pa
     assert [site.aliases[0].endswith(end) for site, end in zip(found, ("= t1", "= t2"), strict=True)] == [
         True
     ] * 2
+
+
+READING = """model Reading
+  input Real force(unit = "N"); output Real acc; output Real v(unit = "m/s", start = 0);
+equation
+  2*der(v) = force - 3*v;
+  acc = der(v)/9.81;
+end Reading;
+"""
+INVERSE = """model Inverse
+  input Real v(unit = "m/s"); output Real force(unit = "N");
+  Real w(unit = "m/s");
+equation
+  w = v;
+  force = 2*der(w) + 3*w;
+end Inverse;
+"""
+
+
+@pytest.mark.parametrize(("text", "known"), [(READING, ["0:v"]), (INVERSE, ["1:w"])])
+def test_a_reading_of_a_rate_that_another_equation_balances_is_no_place(text, known):
+    """Friction had a place in an accelerometer, too."""
+    flat = compile_text(text.encode(), Path("Model.mo"))
+    assert [site.name for site in sites(flat) if site.kind == "equation"] == known

@@ -192,6 +192,12 @@ EXPLANATIONS: dict[str, str] = {
     "check-missing": (
         "Some values of a column are missing. Outputs may lack values; inputs must be known at every time."
     ),
+    "check-model-clock": (
+        "Units of parameters tell that the equations count time in hours, as in `C*der(T) = Q` with "
+        "C in kW.h/K and Q in kW. Recordings are read in seconds where they tell the unit of their time, so "
+        "that every rate would come out wrong by 3600. Give the time as a number of hours in a column `time` "
+        "without a unit, or write the model in seconds, with C in J/K."
+    ),
     "check-outliers": (
         "Single samples lie far from their neighbours, farther than noise does. Least squares follow them. "
         "Leave those cells empty if the machine cannot have moved so."

@@ -172,6 +172,19 @@ def is_of(unit: str, quantity: str) -> bool:
     return bool(unit) and _dimensions(unit) == _dimensions(quantity)
 
 
+def in_base_units(unit: str) -> float:
+    """How large one of a unit is in the base units of the SI, 1 of one that is not known; of temperatures as
+    differences.
+
+    >>> in_base_units("kW.h/K"), in_base_units("degC"), in_base_units("")
+    (3600000.0, 1.0, 1.0)
+    """
+    try:
+        return float(_in_base_units(parse_unit(unit), unit).magnitude)
+    except DataError:
+        return 1.0
+
+
 def conversion(given: str, wanted: str) -> Conversion:
     """The conversion from unit `given` to unit `wanted`.
 
@@ -220,8 +233,11 @@ def may_count_turns(given: str, chosen: str) -> bool:
     return is_count and parse_unit(chosen) in (counts, {"turn": 1, per: -1}, {"rad": 1, per: -1})
 
 
-def spoken_duration(seconds: float) -> str:
-    """A duration for a text: in seconds below two minutes, else in minutes, hours or days."""
+def spoken_duration(seconds: float, clock: str = "s") -> str:
+    """A duration for a text: in seconds below two minutes, else in minutes, hours or days; in `clock` where a
+    model counts time in another unit."""
+    if clock != "s":
+        return f"{seconds:.3g} {clock}"
     for length, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
         if seconds >= 2.0 * length:
             return f"{seconds / length:.3g} {unit}"

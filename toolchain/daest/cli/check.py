@@ -81,8 +81,10 @@ def checked(path: Path, project: Project, flat: Model | None, window: Preparatio
     DataError where it cannot be read."""
     from daest.cli.recordings import signals
     from daest.data.check import check_table
-    from daest.data.match import unitless_findings
+    from daest.data.match import clock_findings, unitless_findings
     from daest.data.read import read_table, with_units, within
+    from daest.model.flat import FlatModel
+    from daest.modelica.clock import clock_unit
 
     window = window or project.preparation
     table = within(with_units(read_table(path), project.units), window.start, window.stop, project.time)
@@ -92,8 +94,10 @@ def checked(path: Path, project: Project, flat: Model | None, window: Preparatio
     roles: dict[str, Role] = dict.fromkeys((signal.header for signal in inputs), "input")
     roles.update(dict.fromkeys((signal.header for signal in outputs), "output"))
     check = check_table(table, roles, project.time)
-    unitless = unitless_findings(table, [*inputs, *outputs])
-    findings = (*_against(path, project, flat, window), *unitless, *check.findings)
+    doubts = unitless_findings(table, [*inputs, *outputs])
+    if isinstance(flat, FlatModel):
+        doubts += clock_findings(table, clock_unit(flat), project.time)
+    findings = (*_against(path, project, flat, window), *doubts, *check.findings)
     return replace(check, findings=findings)
 
 

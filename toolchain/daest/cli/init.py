@@ -107,14 +107,21 @@ def _chosen(
 def _proposed(flat: Model, given: frozenset[str]) -> tuple[str, ...]:
     """What to estimate where the model marks nothing: the parameters that it declares itself (no part of a
     component), or else those `given` to its components, with a unit and a value other than zero. What is zero
-    is the place of something, and a number without a unit is a ratio that somebody chose."""
+    is the place of something, and a number without a unit is a ratio that somebody chose; what stands in no
+    equation is a start, say, and starts are free."""
+    from daest.model.flat import FlatModel
+    from daest.modelica.sites import used_parameters
+
     if any(parameter.estimate for parameter in flat.parameters):
         return ()
+    used = set(flat.parameter_names)
+    if isinstance(flat, FlatModel) and flat.events is None:
+        used = set(used_parameters(flat))
     noises = {f"{noise.name.rpartition('.')[0]}.intensity" for noise in flat.noises}
     may_be = [
         p.name
         for p in flat.parameters
-        if p.unit not in ("", "1") and p.value != 0.0 and not p.is_memory and p.name not in noises
+        if p.unit not in ("", "1") and p.value != 0.0 and not p.is_memory and p.name in used - noises
     ]
     own = tuple(name for name in may_be if "." not in name)
     return own or tuple(name for name in may_be if name in given)

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from daest.data.read import Signal
-from daest.data.table import Column, Table, column_unit, stem, time_unit, told_unit, with_seconds
+from daest.data.table import Column, Table, column_unit, stem, time_column, time_unit, told_unit, with_seconds
 from daest.model.experiment import Finding
 from daest.quantities import converts, may_count_turns
 
@@ -193,6 +193,19 @@ def unitless_findings(table: Table, signals: Sequence[Signal]) -> list[Finding]:
             )
             findings.append(Finding("check-unit-unknown", "warning", column.name, text))
     return findings
+
+
+def clock_findings(table: Table, clock: str, name: str | None = None) -> list[Finding]:
+    """A warning where the column `name` of the time, or the only one, tells its unit, or holds dates: it is
+    read in seconds, and the equations count time in another unit, `clock`."""
+    column = time_column(table, name)
+    if column is None or clock == "s" or (told_unit(column) is None and not column.texts):
+        return []
+    text = (
+        f"is read in seconds, but the balances of the model count time in {clock}, as the units of its "
+        f"parameters tell: give the time as a number of {clock} without a unit, or write the model in seconds"
+    )
+    return [Finding("check-model-clock", "warning", column.name, text)]
 
 
 def _words(name: str) -> set[str]:

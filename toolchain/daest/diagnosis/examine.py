@@ -37,6 +37,7 @@ from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
 from daest.modelica.attach import names_of
+from daest.modelica.clock import clock_unit
 from daest.modelica.sites import sites_left, unused_inputs
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers, called, workers
@@ -130,6 +131,7 @@ def _examined(
         stand.told,
         unproved,
         still=unmoved(null.experiments, stand.validation),
+        clock=clock_unit(stand.declared),
     )
     if proofs and not options.is_over:
         evidence = replace(evidence, earlier=gain_of_earlier_inputs(null))
@@ -146,7 +148,7 @@ def _examined(
     if decided.name not in ("supported", "nothing missing"):
         message += _said_of_inputs(null, stand.told)
     if decided.name not in EXPLAINED:
-        message += verdicts.nearest_in_pieces(decided.proofs)
+        message += verdicts.nearest_in_pieces(decided.proofs, evidence.clock)
     faults = "" if decided.name in EXPLAINED else faults_told((*null.experiments, *stand.validation))
     return Diagnosis(
         verdict=decided.name,

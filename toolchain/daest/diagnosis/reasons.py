@@ -25,6 +25,7 @@ from daest.model.effects import EffectParameter
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter
 from daest.modelica.balances import needs_position
+from daest.modelica.clock import clock_unit
 from daest.quantities import spoken_duration
 
 ABSOLUTE_VALUE = "Daest.Effects.Signals.AbsoluteValueSensor"
@@ -221,7 +222,9 @@ def too_slow(experiments: Sequence[Experiment], candidate: Candidate, told: FitR
     if not candidate.is_dynamic or max(times, default=0.0) <= most:
         return ""
     longest = max(times)
-    return f"{spoken_duration(longest)} is too long for recordings that show up to {spoken_duration(most)}"
+    clock = next(candidate.units.get(p.name) or p.unit for p in candidate.effect.sizes if p.unit == "s")
+    shown = spoken_duration(most, clock)
+    return f"{spoken_duration(longest, clock)} is too long for recordings that show up to {shown}"
 
 
 def is_history(experiments: Sequence[Experiment], candidate: Candidate, told: FitResult) -> bool:
@@ -577,9 +580,10 @@ def lag_too_short(null: Null, candidate: Candidate, fit: FitResult) -> str:
     ratio = max(times) * fastest
     if ratio >= GATES.min_lag or (min(times) > 0.0 and ratio < np.finfo(float).eps):
         return ""
+    shortest = spoken_duration(1.0 / fastest, clock_unit(null.flat))
     return (
-        "its time is short beside the fastest time constant of the model "
-        f"({spoken_duration(1.0 / fastest)}): a lag, a delay or a flexible part would do as well"
+        f"its time is short beside the fastest time constant of the model ({shortest}): a lag, a delay or a "
+        "flexible part would do as well"
     )
 
 

@@ -78,6 +78,7 @@ class Evidence:
     is_closed: bool = False  # nothing can be put, or measured, between the parts of the model
     still: str = ""
     earlier: float = 0.0  # log-likelihood that the model gains where its inputs act before they are recorded
+    clock: str = "s"  # what the model counts time in
 
 
 @dataclass(frozen=True)
@@ -320,7 +321,8 @@ def _of_starts(evidence: Evidence, starts: Sequence[LoadStart]) -> Decided:
     begun = _listed(
         tuple(
             f"a load at {start.load.place} that begins with the recording ({start.value:.3g} "
-            f"{start.load.unit}, gone by a factor e after {spoken_duration(start.load.time_constant)})"
+            f"{start.load.unit}, gone by a factor e after "
+            f"{spoken_duration(start.load.time_constant, evidence.clock)})"
             for start in starts
         )
     )
@@ -431,10 +433,10 @@ def _importance(evidence: Evidence, proof: Proof) -> str:
     parts = []
     if proof.ahead:
         best = min(proof.ahead, key=lambda one: one.ratio)
-        ahead = spoken_duration(best.seconds)
+        ahead = spoken_duration(best.seconds, evidence.clock)
         parts.append(f"{_removed(best.ratio)} of the error of predictions {ahead} ahead")
     if proof.is_by_use and proof.in_use.piece:
-        over = spoken_duration(proof.in_use.piece)
+        over = spoken_duration(proof.in_use.piece, evidence.clock)
         removed = _removed(proof.in_use.ratio)
         parts.append(f"{removed} of the error of simulations over {over}, each from a start of its own,")
     ratio = _error_ratio(evidence, proof)
@@ -494,7 +496,7 @@ def _lasting(after: FitResult) -> str:
     )
 
 
-def nearest_in_pieces(proofs: Sequence[Proof]) -> str:
+def nearest_in_pieces(proofs: Sequence[Proof], clock: str = "s") -> str:
     """A sentence on the law that simulations of pieces of the records show best, where none is accepted;
     empty where there is none. One whose size nobody knows lives on how its states begin: a mass of nothing
     that swings is a sine of any origin."""
@@ -504,7 +506,7 @@ def nearest_in_pieces(proofs: Sequence[Proof]) -> str:
     if best is None:
         return ""
     return (
-        f" In simulations over {spoken_duration(best.in_use.piece)}, each from a start of its own, "
+        f" In simulations over {spoken_duration(best.in_use.piece, clock)}, each from a start of its own, "
         f"{best.candidate.label} comes nearest ({told_values(best)}): it removes "
         f"{_removed(best.in_use.ratio)} of their error on unseen data."
     )

@@ -92,7 +92,7 @@ class FlatModel(Model):
     (n×1), `u`, `w`, `theta` and `time`. Row signs are those of `lhs - rhs` of the source. n equations, n
     unknowns: a top-level output that only names an expression, y = h(ξ), is no unknown; it stands in
     `output_expressions` as in (1b) of the report. `initial_residual` are the initial equations, in the same
-    symbols; fixed start values are told by `Variable.fixed`.
+    symbols; fixed start values are told by `Variable.fixed`. `attached` names the effects that were put in.
     """
 
     derivatives: ca.SX
@@ -106,6 +106,7 @@ class FlatModel(Model):
     initial_equations: tuple[Equation, ...] = ()
     initial_residual: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     derived_values: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    attached: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         sizes = {

@@ -149,6 +149,7 @@ class _Assembly:
                     self._flow_rows[member] = one.row
         self._potential_rows: dict[str, list[int]] | None = None
         self._names = names_of(flat)
+        self._attached: set[str] = set()
         self._laws: dict[str, list[str]] = {}
         self._note_laws(self.equations)
 
@@ -172,6 +173,7 @@ class _Assembly:
             initial_residual=column(self.initial_residual),
             derived_parameters=tuple(self.derived),
             derived_values=column(self.derived_values),
+            attached=self.flat.attached | self._attached,
         )
 
     @cached_property
@@ -279,6 +281,7 @@ class _Assembly:
                 remedy=f"Choose another name, such as {component_name(placement.effect, self._names)}.",
             )
         self._names.add(name)
+        self._attached.add(name)
         return name
 
     def _parameters(self, member: _Member, placement: Placement) -> list[ca.SX]:
@@ -516,7 +519,7 @@ class _Assembly:
 
     def _behind_signal(self, member: _Member, name: str) -> None:
         """The uses of a signal inside of the model take the effect's output: connections to other blocks, or
-        all equations but that which gives it."""
+        all equations but that which gives it, or its rate."""
         owner = name.rpartition(".")[0]
         kept = [
             i
@@ -525,6 +528,8 @@ class _Assembly:
             and (e.origin == owner if owner else e.text.partition(" = ")[0] == name)
         ]
         source = self._symbol[name]
+        rate = self.derivatives[[x.name for x in self.unknowns].index(name)]
+        kept = kept or ca.jacobian_sparsity(column(self.residual), rate).row()
         self._substitute(source, member.symbols["y"], name, f"{member.name}.y", member, kept)
         self._connect(name, source, f"{member.name}.u", member.symbols["u"])
 

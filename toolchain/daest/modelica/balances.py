@@ -106,7 +106,8 @@ def needs_position(domain: Domain) -> bool:
 
 def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
     """Rows of the model itself, and `everywhere` of its components, too, that hold the rate of an unknown and
-    more than that. What events assign has no balance: it stands still between them. Of several rates in one
+    more than that. What events assign has no balance: it stands still between them. Nor has a row that gives
+    a reading alone of a rate that another row balances, as `acc = der(v)/9.81` does. Of several rates in one
     row those are left out that another row needs (`_of_own_rows`)."""
     laws = [i for i, e in enumerate(flat.equations) if e.kind == "component"]
     rows = [i for i in laws if everywhere or not flat.equations[i].origin]
@@ -128,7 +129,9 @@ def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
             if variable not in assigned:
                 sign = float(np.sign(slopes[row, rate]))
                 found.append(Balance(row, variable, sign, positions.get(variable, -1), rate))
-    return _of_own_rows(found)
+    readings = _readings(slopes)
+    moved = {one.variable for one in found if one.row not in readings}
+    return _of_own_rows([one for one in found if one.row not in readings or one.variable not in moved])
 
 
 def _of_own_rows(found: Sequence[Balance]) -> list[Balance]:
@@ -170,6 +173,15 @@ def _balanced(slopes: np.ndarray, rates: Mapping[int, int], moving: Container[in
         named = [one for one in named if one[1] not in moving]
     highest = [one for one in named if one[0] not in lower]
     return sorted([*explicit, *highest])
+
+
+def _readings(slopes: np.ndarray) -> set[int]:
+    """Rows that give a variable which stands in no other row, and whose rate stands in none: nothing moves by
+    what is added there. `slopes` (n, 2n) are of all equations."""
+    n = slopes.shape[1] // 2
+    uses = np.count_nonzero(slopes, axis=0)
+    read = np.flatnonzero((uses[:n] == 1) & (uses[n:] == 0))
+    return set(np.flatnonzero(np.any(slopes[:, read], axis=1)).tolist())
 
 
 def own_laws(flat: FlatModel) -> list[int]:

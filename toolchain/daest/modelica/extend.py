@@ -616,9 +616,9 @@ def _behind_signal(draft: _Draft, placement: Placement, original: _Original) -> 
     or the equations."""
     name, flat = placement.site.name, original.flat
     if "." not in name:
-        given = next(
-            e for e in flat.equations if e.text.partition(" = ")[0] == name and e.kind != "connection"
-        )
+        own = [e for e in flat.equations if e.kind != "connection"]
+        of_rate = [e for e in own if f"der({name})" in e.text]
+        given = next((e for e in own if e.text.partition(" = ")[0] == name), *of_rate[:1])
         with _opening(original, f"the equation {given.text}"):
             source, variable = opened_signal(original.source, flat, name, given, names_of(flat))
         draft.changes.append(f"{variable} = {placement.name}.y")

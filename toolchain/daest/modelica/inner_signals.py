@@ -7,9 +7,11 @@ to an output alone is that output, and what one law takes into another signal is
 potentials of a physical domain that has places, whose own effects tell what is missing there; but what is
 made of an input and the motion together is the work of a controller, whatever its unit.
 
-Two kinds are places of limits alone: a current that an equation gives, as in `i = (u - k*w)/R`, where
+Three kinds are places of limits alone: a current that an equation gives, as in `i = (u - k*w)/R`, where
 voltages in its path say all but what an amplifier does that lets no more through; and the rate at which
-what an input asks for is reached, `rate = (command - angle)/T` of a rudder whose pump gives no more."""
+what an input asks for is reached, `rate = (command - angle)/T` of a rudder whose pump gives no more. A third
+is what an actuator comes to with its time constant, `T*der(gate) = command - gate`, where no place of a
+domain is: a gate opens no further than it can."""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ import numpy as np
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
-from daest.modelica.balances import balances, own_laws, slopes_near_start
+from daest.modelica.balances import balances, domain_of, own_laws, slopes_near_start
+from daest.modelica.factors import is_of_parameters
+from daest.modelica.place_units import has_unit
 from daest.quantities import is_of
 
 _UNITS: dict[str, Domain] = {
@@ -69,6 +73,7 @@ def inner_signals(
         signal = InnerSignal(variable, laws.uses(variable, row, is_block), limits_only)
         if laws.is_taken_further(signal) and _is_own(flat, signal, is_block, laws, domains):
             found.append(signal)
+    found += [one for one in laws.actuators(own) if _has_no_place(flat, one, taken, domains)]
     kept = {one.variable for one in found}
     return tuple(one for one in found if laws.alone_in(one) not in kept)
 
@@ -93,6 +98,13 @@ def _is_own(
     unit = flat.unknowns[signal.variable].unit
     is_physical = any(domain in domains and is_of(unit, one) for one, domain in _UNITS.items())
     return is_block or not is_physical or bool(inputs and states)
+
+
+def _has_no_place(
+    flat: FlatModel, signal: InnerSignal, taken: Collection[str], domains: Collection[Domain]
+) -> bool:
+    """Whether no balance of a domain is a place where the signal is."""
+    return signal.name(flat) not in taken and domain_of(flat.unknowns[signal.variable].unit) not in domains
 
 
 class _Laws:
@@ -128,6 +140,31 @@ class _Laws:
         number = {f"der({v.name})": i for i, v in enumerate(self._flat.unknowns)}
         lefts = (equation.text.partition(" = ")[0] for equation in self._flat.equations)
         return {number[left]: row for row, left in enumerate(lefts) if left in number}
+
+    def actuators(self, own: Collection[int]) -> list[InnerSignal]:
+        """The unknowns that equations of their own bring to what they are told, with a time constant, and
+        that other laws use; not where one uses the rate, too."""
+        signals: list[InnerSignal] = []
+        for row in sorted(own):
+            rates = [i for i in self._unknowns[row] if i >= self._n]
+            if len(rates) != 1 or len(self._rows[rates[0]]) > 1 or not self._is_lag(row, rates[0] - self._n):
+                continue
+            signal = InnerSignal(rates[0] - self._n, self.uses(rates[0] - self._n, row, False), True)
+            if self.is_taken_further(signal):
+                signals.append(signal)
+        return signals
+
+    def _is_lag(self, row: int, variable: int) -> bool:
+        """Whether a row is `T*der(x) = k*y - x` with a time T, y an input or an unknown."""
+        flat, equation = self._flat, self._flat.residual[row]
+        own, rate = (
+            ca.jacobian(equation, flat.xi[variable]),
+            ca.jacobian(equation, flat.derivatives[variable]),
+        )
+        if not own.nnz() or not is_of_parameters(flat, ca.vertcat(own, rate)):
+            return False
+        is_told = len(self._unknowns[row]) + len(self._inputs[row]) > 2
+        return is_told and has_unit(flat, rate / own, "s")
 
     def commands(self) -> set[str]:
         """Names of the variables that a law gives which is made of an input and of the position and the speed

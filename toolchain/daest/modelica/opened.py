@@ -13,7 +13,7 @@ extends it can put something in. Nothing in it changes as long as nothing is put
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from daest.errors import Place
@@ -254,31 +254,31 @@ def opened_input(source: bytes, flat: FlatModel, name: str, taken: Iterable[str]
 def opened_signal(
     source: bytes, flat: FlatModel, name: str, given: Equation, taken: Iterable[str]
 ) -> tuple[bytes, str]:
-    """The text in which all equations but the one that gives a variable of the model, or its declaration, use
-    it through another one, and the name of that one. Raises NotOpened."""
+    """The text in which all equations but the one that gives a variable of the model or its rate, or its
+    declaration, use it through another one, and the name of that one. Raises NotOpened."""
     symbol = next(v for v in flat.unknowns if v.name == name)
     if given.kind == "binding":
         return _used_through(source, flat, symbol, taken)
     begin = _offset(source, flat, given.place)
     _, words = _class_at(source, begin)
     at = next(i for i, w in enumerate(words) if w.start == begin)
-    if words[at].text != name or not _stands_alone(words, at):
-        raise NotOpened(f"is no equation `{name} = …` that stands for itself")
-    return _used_through(source, flat, symbol, taken, begin)
+    if not _stands_alone(words, at):
+        raise NotOpened("does not stand for itself")
+    return _used_through(source, flat, symbol, taken, [w.start for w in _statement(words, at)])
 
 
 def _used_through(
-    source: bytes, flat: FlatModel, symbol: Variable, taken: Iterable[str], given: int = -1
+    source: bytes, flat: FlatModel, symbol: Variable, taken: Iterable[str], given: Collection[int] = ()
 ) -> tuple[bytes, str]:
     """The text whose equations use `symbol` through a variable of its own, and the name of that variable; the
-    equation that begins at the byte `given` stays."""
+    equation whose words begin at the bytes `given` stays."""
     name, start = symbol.name, _offset(source, flat, symbol.place)
     head, words = _class_at(source, start)
     used = free_name(f"{name}_used", taken)
     unit = f'(unit = "{symbol.unit}")' if symbol.unit else ""
     line = f'Real {used}{unit} = {name} "{name} as the equations use it";'
     declared = next(w for w in words if w.start == start)
-    uses = [w for w in _all_uses(source, head, words, declared) if w.start != given]
+    uses = [w for w in _all_uses(source, head, words, declared) if w.start not in given]
     edits = [Edit(w.start, w.end, used) for w in uses]
     if not edits:
         raise NotOpened("is used by no equation of the class that declares it")

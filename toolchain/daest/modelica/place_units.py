@@ -12,8 +12,10 @@ import numpy as np
 from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
 from daest.modelica.balances import DOMAINS, Balance, balances, base_unit
+from daest.modelica.clock import clock_unit, in_clock
 from daest.modelica.connectors import LEVEL, MASS_FLOW, connectors_of
 from daest.modelica.factors import ONE, Entry, are_same, divisors, factors, given_value, is_of_parameters
+from daest.modelica.other_units import SCALES, in_other_units, power_of
 from daest.quantities import conversion, dimensions, is_of
 
 _FLOWS: dict[Domain, str] = {
@@ -27,20 +29,21 @@ _PRESSURE = re.compile(r"\bPa")  # in the unit of a parameter: the unit of a lev
 _SIGNAL = "u"  # in the unit of a parameter: the unit of the signal
 _INVERSE = "1/u"
 _TOLERANCE = 1e-9  # relative, of numbers that rounding alone makes differ
-_SCALES = {  # another size of every base unit; no power of one is a power of others
-    "[mass]": 1.31,
-    "[length]": 2.17,
-    "[time]": 1.73,
-    "[temperature]": 1.49,
-    "[current]": 2.71,
-    "[substance]": 1.87,
-    "[luminosity]": 2.39,
-}
 
 
 def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
     """Unit of every parameter of `effect` at `site` of the model, by its name; empty where it is not
     known."""
+    units, clock = _units_in_seconds(flat, effect, site), clock_unit(flat)
+    if clock == "s":
+        return units
+    of_signal = site.kind in ("input", "output", "signal")
+    stores = {size.name for size in effect.sizes if effect.is_dynamic and size.unit != "s" and not of_signal}
+    return {name: "" if name in stores else in_clock(unit, clock) for name, unit in units.items()}
+
+
+def _units_in_seconds(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
+    """The units of `units_at` where the model counts time in seconds."""
     if site.kind in ("input", "output", "signal"):
         known = {x.name: x.unit for x in flat.unknowns} if site.kind == "signal" else {}
         known |= {x.name: x.unit for x in flat.inputs} | {y.name: y.unit for y in flat.outputs}
@@ -152,13 +155,13 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
 
 def _slope_of_flow(flat: FlatModel, balance: Balance, unit: str) -> ca.SX | None:
     """By what a flow in `unit` is multiplied in the equation of a variable that is in a unit of its own,
-    whose scale may be anywhere in it: as a known flow is that stands there, an input or an unknown, which
-    comes or leaves. None where there is none, or where its factor changes as the model moves."""
+    whose scale may be anywhere in it: as a known flow is that stands there, an input or an unknown, be it
+    with the sign of what drives or of what brakes. None where there is none, or where its factor changes as
+    the model moves."""
     for symbol, scale in _flows(flat, unit):
         slope = ca.jacobian(flat.residual[balance.row], symbol)
         if slope.nnz() and is_of_parameters(flat, slope):
-            direction = -1.0 if given_value(flat, slope) < 0.0 else 1.0
-            return ca.simplify(direction * slope / scale)
+            return ca.simplify(slope / scale * np.sign(given_value(flat, slope)))
     return None
 
 
@@ -170,11 +173,13 @@ def _has_flow_of_other_scale(flat: FlatModel, balance: Balance, unit: str) -> bo
 
 
 def _flows(flat: FlatModel, unit: str) -> Iterator[tuple[ca.SX, float]]:
-    """The unknowns and inputs that convert to `unit`, each with the scale of its own unit."""
+    """The unknowns and inputs that convert to `unit`, each with the scale of its own unit; not those of
+    effects that were put in, which were told their factor themselves."""
     known = [*zip(flat.unknowns, ca.vertsplit(flat.xi), strict=True)]
     known += zip(flat.inputs, ca.vertsplit(flat.u) if flat.u.numel() else [], strict=True)
     for variable, symbol in known:
-        if is_of(variable.unit, unit):
+        is_own = variable.name.partition(".")[0] not in flat.attached
+        if is_own and is_of(variable.unit, unit):
             yield symbol, conversion(variable.unit, unit).scale
 
 
@@ -229,7 +234,7 @@ def _slope(flat: FlatModel, row: int, at: int) -> ca.SX:
 def _changes_as(flat: FlatModel, expression: ca.SX, need: Mapping[str, float]) -> bool:
     """Whether a scalar expression has other values in other base units as what has these dimensions."""
     value = _in_units(flat, expression)
-    return bool(np.isclose(value(_SCALES), value({}) * _power(_SCALES, need), rtol=_TOLERANCE, atol=0.0))
+    return bool(np.isclose(value(SCALES), value({}) * power_of(SCALES, need), rtol=_TOLERANCE, atol=0.0))
 
 
 def _in_units(flat: FlatModel, expression: ca.SX) -> Callable[[Mapping[str, float]], float]:
@@ -240,24 +245,15 @@ def _in_units(flat: FlatModel, expression: ca.SX) -> Callable[[Mapping[str, floa
 
     def value(scales: Mapping[str, float]) -> float:
         values = [
-            _changed([*units, *(f"({unit})/s" if unit else "" for unit in units)], scales),
-            _changed([v.unit for v in flat.inputs], scales),
-            flat.theta_values * _changed([p.unit for p in flat.parameters], scales),
+            in_other_units([*units, *(f"({unit})/s" if unit else "" for unit in units)], scales),
+            in_other_units([v.unit for v in flat.inputs], scales),
+            flat.theta_values * in_other_units([p.unit for p in flat.parameters], scales),
             np.zeros(flat.w.numel()),
             scales.get("[time]", 1.0),
         ]
         return float(evaluate(*values))
 
     return value
-
-
-def _changed(units: Sequence[str], scales: Mapping[str, float]) -> np.ndarray:
-    """What one of each unit is in the changed base units; a quantity without a unit stays."""
-    return np.array([_power(scales, dimensions(unit) or {}) for unit in units])
-
-
-def _power(scales: Mapping[str, float], exponents: Mapping[str, float]) -> float:
-    return float(np.prod([scales.get(d, 1.0) ** e for d, e in exponents.items()]))
 
 
 def _is_made_of(unit: str, known: Sequence[str]) -> bool:

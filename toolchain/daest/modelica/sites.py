@@ -74,7 +74,7 @@ def sites(flat: Model) -> tuple[Site, ...]:
         *physical,
         *signals,
         *_inside(flat, physical),
-        *(Site(name, "parameter", "signal") for name in _used_parameters(flat)),
+        *(Site(name, "parameter", "signal") for name in used_parameters(flat)),
     )
     _found.append((flat, places))
     return places
@@ -213,7 +213,7 @@ def _forces(flat: FlatModel) -> list[Site]:
     ]
 
 
-def _used_parameters(flat: FlatModel) -> list[str]:
+def used_parameters(flat: FlatModel) -> list[str]:
     """Tunable parameters that the equations depend on (intensities of noises do not count)."""
     pattern = ca.jacobian_sparsity(ca.vertcat(flat.residual, flat.output_expressions), flat.theta)
     return [flat.parameters[i].name for i in sorted(set(pattern.get_col()))]

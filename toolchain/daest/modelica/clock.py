@@ -1,0 +1,81 @@
+"""In what a model counts time: seconds, unless its balances have a longer unit, as `C*der(T) = Q` has hours
+where C is in kW.h/K and Q in kW."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import casadi as ca
+import numpy as np
+
+from daest.model.flat import FlatModel
+from daest.modelica.factors import is_of_parameters
+from daest.modelica.other_units import SCALES, power_of
+from daest.quantities import dimensions, in_base_units, parse_unit
+
+_LONGER = frozenset(("min", "h", "hour", "d", "day"))
+_CLOCKS = {60: "min", 3600: "h", 86400: "d"}
+_TOLERANCE = 1e-9  # relative, of what rounding alone makes differ
+
+
+def clock_unit(flat: FlatModel) -> str:
+    """The unit of the time of a model: `s`, `min`, `h` or `d`.
+
+    In `C*der(T) = a*Q` the unit of C over that of a, times that of T over that of Q, is the unit of time.
+    That is told where no number stands before either of them, which might be a conversion, and where all
+    such pairs of terms agree.
+    """
+    if not _has_longer_unit(flat):
+        return "s"
+    told = list(_told(flat))
+    agree = bool(told) and np.allclose(told, told[0], rtol=_TOLERANCE, atol=0.0)
+    return _CLOCKS.get(round(told[0]), "s") if agree else "s"
+
+
+def in_clock(unit: str, clock: str) -> str:
+    """The unit of a time, or of a rate of a signal, of a law of seconds in a model that counts in `clock`.
+
+    >>> in_clock("s", "h"), in_clock("degC/s", "h"), in_clock("W/K", "h")
+    ('h', 'degC/h', 'W/K')
+    """
+    if unit == "s":
+        return clock
+    return f"{unit.removesuffix('/s')}/{clock}" if unit.endswith("/s") else unit
+
+
+def _has_longer_unit(flat: FlatModel) -> bool:
+    """Whether any quantity of the model is in a unit of minutes, hours or days."""
+    units = {x.unit for part in (flat.unknowns, flat.inputs, flat.parameters) for x in part}
+    return any(_LONGER & set(parse_unit(unit)) for unit in units if dimensions(unit))
+
+
+def _told(flat: FlatModel) -> Iterator[float]:
+    """The seconds in the unit of time, as every rate tells beside every other term of its row; not those of
+    loads and effects that were put in, whose units are not the model's."""
+    put_in = flat.attached.union(e.origin for e in flat.equations if e.origin in flat.unknown_names)
+    known = [*flat.unknowns, *flat.inputs]
+    units = ["" if x.name.partition(".")[0] in put_in else x.unit for x in known]
+    rates = ca.jacobian(flat.residual, flat.derivatives)
+    terms = ca.jacobian(flat.residual, ca.vertcat(flat.xi, flat.u))
+    for row, variable in zip(*rates.sparsity().get_triplet(), strict=True):
+        for at in terms[row, :].sparsity().get_triplet()[1]:
+            pair = [rates[row, variable], terms[row, at]]
+            if units[variable] and units[at] and is_of_parameters(flat, ca.vertcat(*pair)):
+                yield from _seconds(flat, pair, units[variable], units[at])
+
+
+def _seconds(flat: FlatModel, pair: Sequence[ca.SX], unit: str, beside: str) -> Iterator[float]:
+    """The seconds in the unit of time by a `pair` of factors, of the rate of what is in `unit` and of what is
+    in `beside`. Nothing where a number stands in them, or where they tell no time."""
+    values = ca.Function("values", [flat.theta], pair)
+
+    def ratio(size: Callable[[str], float]) -> float:
+        over, under = (float(one) for one in values([size(p.unit) for p in flat.parameters]))
+        return abs(over * size(unit) / (under * size(beside))) if under else 0.0
+
+    def changed(unit: str) -> float:
+        return power_of(SCALES, dimensions(unit) or {})
+
+    told = [ratio(lambda _: 1.0), ratio(changed)]
+    if np.allclose(told, [1.0, SCALES["[time]"]], rtol=_TOLERANCE, atol=0.0):
+        yield ratio(in_base_units)
