@@ -16,6 +16,12 @@ PI = "3.141592653589793"
 # Machines in several units: the variable of the balance, declarations and equations.
 MACHINES = {
     "rad/s": ("w", 'Real w(unit="rad/s"); input Real u(unit="N.m");', "J*der(w) = u - 0.02*w;"),
+    "over J": ("w", 'Real w(unit="rad/s"); input Real u(unit="N.m");', "der(w) = (u - 0.02*w)/J;"),
+    "geared": (
+        "w",
+        'parameter Real i = 3; Real w(unit="rad/s"), tau(unit="N.m"); input Real u(unit="N.m");',
+        "tau = 0.02*w; 4*J*der(w) = 4*i*u/3 - 4*tau;",
+    ),
     "rpm": (
         "n",
         'Real n(unit="rpm"); input Real u(unit="N.m");',
@@ -49,6 +55,9 @@ MACHINES = {
 # input and output are, and the zero of its output.
 PAIRS = [
     ("rad/s", "rpm", "Rotational.CoulombFriction", 0.4, 2.0, 1.0, 30.0 / np.pi, 0.0),
+    # No parameter has a unit, but a torque that stands there has.
+    ("rad/s", "over J", "Rotational.CoulombFriction", 0.4, 2.0, 1.0, 1.0, 0.0),
+    ("rad/s", "geared", "Rotational.CoulombFriction", 0.4, 2.0, 1.0, 1.0, 0.0),
     ("rad/s", "solved", "Rotational.CoulombFriction", 0.4, 2.0, 1.0, 30.0 / np.pi, 0.0),
     pytest.param(
         *("rad/s", "deg/s", "Rotational.QuadraticDrag", 0.03, 2.0, 1e3, 180.0 / np.pi, 0.0),

@@ -127,8 +127,8 @@ def balances_flows(flat: FlatModel, balance: Balance) -> bool:
 
 def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
     """By what a flow of the domain is multiplied in the equation: 1 in `m*der(v) = F - d*v`, 1/m in
-    `der(v) = (F - d*v)/m`; None where the units of the variables and parameters in the factor of the rate, or
-    in what is divided by, do not tell; not where the variable has no unit.
+    `der(v) = (F - d*v)/m`, as the units of the variables and parameters in the factor of the rate, or in what
+    is divided by, tell, or else known flows; None where nothing does, or the variable has no unit.
 
     In other base units every quantity has another value. The factor must change as flow over rate does.
     """
@@ -150,18 +150,23 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
         if storages:
             is_one = all(are_same(flat, one, storages[0]) for one in storages)
             return 1.0 / storages[0] if is_one else None
-    return None
+    return None if domain is None else _slope_of_flow(flat, balance, _FLOWS[domain])
 
 
 def _slope_of_flow(flat: FlatModel, balance: Balance, unit: str) -> ca.SX | None:
     """By what a flow in `unit` is multiplied in the equation of a variable that is in a unit of its own,
-    whose scale may be anywhere in it: as a known flow is that stands there, an input or an unknown, be it
-    with the sign of what drives or of what brakes. None where there is none, or where its factor changes as
-    the model moves."""
+    whose scale may be anywhere in it, or beside parameters without units: as the known flows are that stand
+    there, inputs and unknowns, be it with the sign of what drives or of what brakes. None where there is
+    none, where its factor changes as the model moves, or where they do not agree: of a motor behind a gear of
+    any ratio those count that nothing but a number stands before."""
+    found = []
     for symbol, scale in _flows(flat, unit):
         slope = ca.jacobian(flat.residual[balance.row], symbol)
         if slope.nnz() and is_of_parameters(flat, slope):
-            return ca.simplify(slope / scale * np.sign(given_value(flat, slope)))
+            found.append(ca.simplify(slope / scale * np.sign(given_value(flat, slope))))
+    for agreeing in (found, [one for one in found if one.is_constant()]):
+        if agreeing and all(are_same(flat, one, agreeing[0]) for one in agreeing):
+            return agreeing[0]
     return None
 
 
