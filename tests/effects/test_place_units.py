@@ -206,3 +206,23 @@ def factor_at(flat, name: str) -> float:
     """By what a flow is multiplied in the balance of that name."""
     balance = next(one for one in balances(flat) if one.name(flat) == name)
     return given_value(flat, balance_entry(flat, balance).factor)
+
+
+@pytest.mark.parametrize(
+    ("unit", "of_flow", "law", "factor"),
+    [
+        ("J/K", "W/K", "C*der(T) = G*(u - T)", 1.0),
+        ("kJ/K", "kW/K", "C*der(T) = G*(u - T)", 1e-3),
+        ("kW.h/K", "kW/K", "C*der(T) = G*(u - T)", 1e-3),
+        ("kJ/K", "W/K", "1000*C*der(T) = G*(u - T)", 1.0),  # the number is a conversion
+    ],
+)
+def test_terms_in_kilowatts_tell_it_though_no_flow_stands_among_them(tmp_path, unit, of_flow, law, factor):
+    file = tmp_path / "M.mo"
+    file.write_text(
+        f'model M parameter Real C(unit="{unit}") = 2; parameter Real G(unit="{of_flow}") = 0.2;\n'
+        f'input Real u(unit="degC"); output Real T(unit="degC"); equation {law}; end M;\n'
+    )
+    flat = compile_model(file)
+    (balance,) = balances(flat)
+    assert given_value(flat, balance_entry(flat, balance).factor) == pytest.approx(factor)

@@ -12,11 +12,11 @@ import numpy as np
 from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
 from daest.modelica.balances import DOMAINS, Balance, balances, base_unit
-from daest.modelica.clock import clock_unit, in_clock
+from daest.modelica.clock import clock_unit, in_clock, seconds_in
 from daest.modelica.connectors import LEVEL, MASS_FLOW, connectors_of
 from daest.modelica.factors import ONE, Entry, are_same, divisors, factors, given_value, is_of_parameters
 from daest.modelica.other_units import SCALES, in_other_units, power_of
-from daest.quantities import conversion, dimensions, is_of
+from daest.quantities import conversion, dimensions, in_base_units, is_of
 
 _FLOWS: dict[Domain, str] = {
     "translational": "N",
@@ -144,13 +144,26 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
     need = {d: wanted.get(d, 0.0) - rate.get(d, 0.0) for d in {*wanted, *rate}}
     need["[time]"] = need.get("[time]", 0.0) + 1.0
     if _slope_has(flat, balance.row, balance.rate, need):
-        return ONE
+        return ONE / _scale_of_terms(flat, balance, _FLOWS[domain]) if domain else ONE
     for found in parts_divided_by(flat, balance.row):
         storages = [one for one in found if _slope_has(flat, balance.row, balance.rate, need, one)]
         if storages:
             is_one = all(are_same(flat, one, storages[0]) for one in storages)
             return 1.0 / storages[0] if is_one else None
     return None if domain is None else _slope_of_flow(flat, balance, _FLOWS[domain])
+
+
+def _scale_of_terms(flat: FlatModel, balance: Balance, unit: str) -> float:
+    """How many of a flow's `unit` one of the terms of the equation is, as the factor of the rate tells: 1000
+    W in `C*der(T) = G*(T_a - T)` with C in kJ/K. 1 where a flow stands there, or a number that may be a
+    conversion."""
+    factor, row = _slope(flat, balance.row, balance.rate), flat.residual[balance.row]
+    value = ca.Function("value", [flat.theta], [factor])
+    has_number = abs(float(value(np.ones(flat.theta.numel())))) != 1.0
+    if has_number or any(ca.depends_on(row, symbol) for symbol, _ in _flows(flat, unit)):
+        return 1.0
+    size = abs(float(value([in_base_units(p.unit) for p in flat.parameters])))
+    return size * in_base_units(flat.unknowns[balance.variable].unit) / seconds_in(clock_unit(flat))
 
 
 def _slope_of_flow(flat: FlatModel, balance: Balance, unit: str) -> ca.SX | None:
