@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import casadi as ca
 import numpy as np
@@ -140,17 +139,22 @@ def internal_forces(flat: FlatModel) -> list[InternalForce]:
     if not bodies:
         return []
     found: list[InternalForce] = []
+    motions = np.zeros((0, flat.xi.numel() + flat.u.numel()))
     for force in (
         *_given_by_equations(flat, bodies),
         *_in_balances(flat, bodies),
         *_on_moved_ground(flat, bodies),
         *_on_fixed_ground(flat, bodies),
     ):
-        same = next((i for i, other in enumerate(found) if _is_same_motion(force, other, flat)), None)
-        if same is None:
-            found.append(force)
+        motion = _motion(force, flat)
+        signed = (np.isclose(motions, sign * motion, rtol=_TOLERANCE, atol=0.0) for sign in (1.0, -1.0))
+        same = np.flatnonzero(np.any([np.all(one, axis=1) for one in signed], axis=0))
+        if len(same):
+            first = int(same[0])
+            found[first] = replace(found[first], beside=(*found[first].beside, force))
         else:
-            found[same] = replace(found[same], beside=(*found[same].beside, force))
+            found.append(force)
+            motions = np.vstack([motions, motion])
     return found
 
 
@@ -269,14 +273,36 @@ def _deflection(
         motions.append((flat.xi, position + moved))
     own = {body.position for body, _ in bodies}
     kinds = ("component", "binding")
-    rows = [flat.residual[i] for i, e in enumerate(flat.equations) if e.kind in kinds and not e.origin]
-    for (symbols, motion), row in product(motions, rows):
-        used = set(np.flatnonzero(ca.which_depends(row, symbols, 1, False)).tolist()) - own
-        for k, sign in product(sorted(used), (1.0, -1.0)):
-            deflected = symbols[k] - sign * motion
-            if any(are_same(flat, row, turned * deflected, flat.theta_values) for turned in (1.0, -1.0)):
-                return k, sign
+    rows = flat.residual[[i for i, e in enumerate(flat.equations) if e.kind in kinds and not e.origin]]
+    for symbols, motion in motions:
+        used = [pair for pair in _dependences(rows, symbols) if pair[1] not in own]
+        found = _says_sum(flat, rows, used, symbols, motion)
+        if found is not None:
+            return found
     return None
+
+
+def _dependences(rows: ca.SX, symbols: ca.SX) -> list[tuple[int, int]]:
+    """The numbers of every row and of every symbol in it, by rows."""
+    found = ca.jacobian_sparsity(rows, symbols).get_triplet()
+    return sorted(zip(*found, strict=True))
+
+
+def _says_sum(
+    flat: FlatModel, rows: ca.SX, used: Sequence[tuple[int, int]], symbols: ca.SX, motion: ca.SX
+) -> tuple[int, float] | None:
+    """The number of the symbol of the first of the pairs `used` whose row says that it is the motion, or
+    minus that, and the sign; None where no row does. All are compared at once: they are many in a chain."""
+    if not used:
+        return None
+    values = at_points(flat, ca.vertcat(rows, symbols, motion), flat.theta_values)[:, 0]
+    told, at, moved = np.split(values, [rows.numel(), rows.numel() + symbols.numel()])
+    row, k = np.array(used).T
+    signs = np.array([1.0, -1.0])
+    deflected = at[k][:, None, :] - signs[:, None] * moved
+    same = [np.isclose(told[row][:, None, :], t * deflected, rtol=_TOLERANCE, atol=0.0) for t in signs]
+    found = np.argwhere(np.any(np.all(same, axis=-1), axis=0))
+    return (int(k[found[0, 0]]), float(signs[found[0, 1]])) if len(found) else None
 
 
 def _sum(terms: Iterable[tuple[ca.SX, ca.SX]]) -> ca.SX:
@@ -436,12 +462,7 @@ def _on_fixed_ground(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[Int
             yield force
 
 
-def _is_same_motion(one: InternalForce, other: InternalForce, flat: FlatModel) -> bool:
-    """Whether the relative motions are the same but for their sign."""
-    values = []
-    for force in (one, other):
-        moved = ca.jacobian(force.motion(flat), ca.vertcat(flat.xi, flat.u))
-        evaluate = ca.Function("motion", [flat.theta], [moved])
-        values.append(evaluate(flat.theta_values).full().ravel())
-    a, b = values
-    return any(np.allclose(a, sign * b, rtol=_TOLERANCE, atol=0.0) for sign in (1.0, -1.0))
+def _motion(force: InternalForce, flat: FlatModel) -> np.ndarray:
+    """How the relative motion of a force depends on every unknown and input, (n + n_u,)."""
+    moved = ca.jacobian(force.motion(flat), ca.vertcat(flat.xi, flat.u))
+    return ca.Function("motion", [flat.theta], [moved])(flat.theta_values).full().ravel()

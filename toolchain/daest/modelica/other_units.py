@@ -21,7 +21,8 @@ SCALES = {  # another size of every base unit; no power of one is a power of oth
 
 def in_other_units(units: Sequence[str], scales: Mapping[str, float]) -> np.ndarray:
     """What one of each of n units is in the changed base units, (n,); a quantity without a unit stays."""
-    return np.array([power_of(scales, dimensions(unit) or {}) for unit in units])
+    known = {unit: power_of(scales, dimensions(unit) or {}) for unit in set(units)}
+    return np.array([known[unit] for unit in units])
 
 
 def power_of(scales: Mapping[str, float], exponents: Mapping[str, float]) -> float:
