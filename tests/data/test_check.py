@@ -122,7 +122,7 @@ def dropped(y, rng):
 
 
 def often_dropped(y, rng):
-    """A plug that is loose: some 2 % of the samples, at a value that is no farther off than the signal is wide."""
+    """A plug that is loose: some 2 % of the samples."""
     value = y.min() - np.ptp(y)
     for at in rng.choice(np.arange(100, N - 100, 20), N // 100, replace=False):
         y[at : at + rng.integers(1, 4)] = value
