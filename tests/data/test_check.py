@@ -121,6 +121,14 @@ def dropped(y, rng):
     return y
 
 
+def often_dropped(y, rng):
+    """A plug that is loose: some 2 % of the samples."""
+    value = y.min() - np.ptp(y)
+    for at in rng.choice(np.arange(100, N - 100, 20), N // 100, replace=False):
+        y[at : at + rng.integers(1, 4)] = value
+    return y
+
+
 def coarse(y, rng):
     step = np.ptp(y) / 20
     return np.round(y / step) * step
@@ -156,6 +164,13 @@ def test_fault_is_seen(code):
         found = warnings_of({"u": u, "position": FAULTS[code](y, rng)})
         assert [f.code for f in found] == [code], (seed, found)
         assert found[0].column == "position"
+
+
+def test_many_drops_are_no_limit():
+    for seed in range(10):
+        rng, u, y = noisy_recording(seed, ("multisine", "noise")[seed % 2])
+        found = warnings_of({"u": u, "position": often_dropped(y, rng)})
+        assert [f.code for f in found] == ["check-dropouts"], (seed, found)
 
 
 def test_coarse_steps_are_seen():

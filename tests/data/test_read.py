@@ -185,6 +185,16 @@ def test_window_is_cut_before_gaps_are_judged(tmp_path):
     assert error_of(path, start=5.0).code == "data-window-empty"
 
 
+def test_what_is_added_to_temperatures_is_said(tmp_path):
+    """Degrees above a room, which a model has in K, are no degrees Celsius."""
+    path = write(tmp_path, "time,u,T [degC],v [mV]\n0,1,0,7\n1,2,3,8\n2,2,4,9\n")
+    experiment = read(path, outputs=(Signal("T", "K"), Signal("v", "V")))
+    assert experiment.outputs[0, 0] == pytest.approx(273.15)
+    heat, voltage = (note for note in experiment.notes if "converted" in note)
+    assert heat.endswith("converted to K, 273.15 added (a difference of temperatures is in K)")
+    assert voltage.endswith("converted to V")
+
+
 def test_rounded_time_stamps_are_uniform_but_jitter_is_kept(tmp_path):
     rounded = "".join(f"{k * 0.001 + 3e-8 * (k % 3):.9f},{k},{k}\n" for k in range(50))
     assert read(write(tmp_path, "time,u,phi\n" + rounded)).period == pytest.approx(0.001, rel=1e-6)

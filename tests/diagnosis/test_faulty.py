@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from daest.diagnosis.faulty import faults_told
+from daest.diagnosis.faulty import EMPTY, faults_beside, faults_told
 from daest.model.experiment import Experiment
 
 TIME = 0.01 * np.arange(2000)
@@ -26,6 +26,12 @@ def test_a_sensor_that_stands_still_is_told_once():
     told = faults_told([stuck, stuck])
     assert told.startswith(" It may be faults of the recording: y stands still at ")
     assert told.count("stands still") == 1
+
+
+def test_beside_a_law_its_errors_count_the_faults():
+    told = faults_beside([recording(slice(500, 560), 1)])
+    assert told.startswith(" Its sizes and errors count faults of the recording: y stands still at ")
+    assert told.endswith(EMPTY) and faults_beside([recording()]) == ""
 
 
 def test_a_command_that_keeps_its_value_is_no_fault():

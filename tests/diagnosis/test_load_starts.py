@@ -9,8 +9,14 @@ import pytest
 
 from daest.diagnosis import load_starts, verdict
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.loads import load_sites
+from daest.diagnosis.null import fit_null
+from daest.diagnosis.stand import without_noises
+from daest.estimation.identify import identify
 from daest.model.diagnosis import Diagnosis
 from daest.model.experiment import Experiment
+from daest.model.fit import IdentifyOptions
+from daest.model.holds import FOH
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import effect_library
 
@@ -77,6 +83,38 @@ def test_a_load_that_begins_with_the_recording_is_no_silence(tmp_path: Path) -> 
     found = diagnose(compile_model(tmp_path / "Heater.mo"), effects, [experiment])
     assert found.verdict == "external disturbance"
     assert "begins with the recording" in found.message
+
+
+@pytest.mark.parametrize("lag", [LAG, 0.0])
+def test_simulation_that_rests_on_how_loads_begin(tmp_path: Path, lag: float) -> None:
+    """Loads whose noises vanish simulate the lag as well as they predict it. Without them the model does
+    not."""
+    (tmp_path / "Heater.mo").write_text(HEATER)
+    flat = compile_model(tmp_path / "Heater.mo")
+    experiment = _warmed(lag, [2.0])
+    null = fit_null(without_noises(flat), load_sites(flat), [experiment], FOH)
+    without = identify(flat, [experiment], IdentifyOptions(method="oe", hold=FOH))
+    assert load_starts.rests_on_starts(null, null.fit, without) == (lag > 0.0)
+
+
+@pytest.mark.parametrize("rests", [False, True])
+def test_simulation_that_rests_on_how_loads_begin_is_no_silence(
+    monkeypatch: pytest.MonkeyPatch, rests: bool
+) -> None:
+    monkeypatch.setattr(verdict, "rests_on_starts", lambda null, fit, without: rests)
+    with_loads, without = _simulated_to(0.28), _simulated_to(1.5)
+    experiment = SimpleNamespace(outputs=np.zeros((400, 1)))
+    loads = SimpleNamespace(null=SimpleNamespace(experiments=[experiment]))
+    assert verdict._simulates_to_noise(SimpleNamespace(baseline=with_loads, told=without), loads) != rests
+    assert verdict._simulates_to_noise(SimpleNamespace(baseline=with_loads, told=with_loads), loads)
+
+
+def _simulated_to(error: float) -> SimpleNamespace:
+    """A fit that predicts to 0.28, and simulates to that error."""
+    simulated, one_step = (
+        {data: SimpleNamespace(rms={"i": rms}) for data in verdict.RECORDED} for rms in (error, 0.28)
+    )
+    return SimpleNamespace(simulated=simulated, one_step=one_step)
 
 
 @pytest.mark.slow  # nothing missing: test_diagnose.py

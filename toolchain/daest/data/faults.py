@@ -287,12 +287,23 @@ def _steps_around(values: np.ndarray, i: int) -> float:
 
 
 def _drops(samples: Samples) -> list[Finding]:
-    """Short visits to one and the same value, far from what stands before and after."""
+    """Short visits to one and the same value, far from what stands before and after. How far signals jump is
+    told without that value: drops that are many are no rare samples."""
+    return _drops_beyond(samples, samples) or [
+        found
+        for level in (samples.levels[0][0], samples.levels[0][-1])
+        if 0.0 < np.mean(samples.values == level) <= DATA.many_drops
+        for found in _drops_beyond(samples, samples.part(samples.values != level))
+    ]
+
+
+def _drops_beyond(samples: Samples, usual: Samples) -> list[Finding]:
+    """Such visits, farther than the `usual` samples jump."""
     starts, lengths = samples.runs
     levels = samples.values[starts]
     edges = np.abs(np.diff(levels))
     depth = np.minimum(edges[:-1], edges[1:])
-    deep = depth > max(samples.spikes[1], DATA.spike_beyond * samples.large_step)
+    deep = depth > max(usual.spikes[1], DATA.spike_beyond * usual.large_step)
     inner = 1 + np.flatnonzero(deep & (lengths[1:-1] <= DATA.longest_drop))
     starts, lengths, depth = starts[inner], lengths[inner], depth[inner - 1]
     before, there, after = levels[inner - 1], levels[inner], levels[inner + 1]

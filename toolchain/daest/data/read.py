@@ -472,8 +472,15 @@ def _values(
     if signal.sign < 0.0:
         notes.append(f"{signal.name}: column '{column.header}' with its sign turned")
     if not replace(change, scale=abs(change.scale)).is_identity:
-        notes.append(f"{signal.name}: column '{column.header}' converted to {signal.unit}")
+        notes.append(f"{signal.name}: column '{column.header}' converted to {signal.unit}{_added(change)}")
     return change(column.values)
+
+
+def _added(change: Conversion) -> str:
+    """What a conversion adds, which a temperature above another one does not take."""
+    if not change.offset:
+        return ""
+    return f", {change.offset:.6g} added (a difference of temperatures is in K)"
 
 
 def reading(signal: Signal, unit: str | None) -> Conversion:

@@ -16,7 +16,7 @@ from daest.diagnosis.changing_values import changing_value
 from daest.diagnosis.chosen import chosen_candidates
 from daest.diagnosis.course import Course
 from daest.diagnosis.disturbance import place_gains, smoothed_load
-from daest.diagnosis.faulty import EMPTY, faults_told
+from daest.diagnosis.faulty import EMPTY, faults_beside, faults_told
 from daest.diagnosis.free_forms import free_forms, keep_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.held_values import OtherValue, other_value
@@ -149,10 +149,12 @@ def _examined(
         message += _said_of_inputs(null, stand.told)
     if decided.name not in EXPLAINED:
         message += verdicts.nearest_in_pieces(decided.proofs, evidence.clock)
-    faults = "" if decided.name in EXPLAINED else faults_told((*null.experiments, *stand.validation))
+    recordings = (*null.experiments, *stand.validation)
+    faults = "" if decided.name in EXPLAINED else faults_told(recordings)
+    beside_law = faults_beside(recordings) if decided.name == "supported" else ""
     return Diagnosis(
         verdict=decided.name,
-        message=message + faults + ("" if is_whole else TIME_UP),
+        message=message + faults + beside_law + ("" if is_whole else TIME_UP),
         baseline=stand.told,
         proofs=decided.proofs,
         unproved=unproved,

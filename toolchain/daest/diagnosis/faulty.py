@@ -14,11 +14,24 @@ MOST_TOLD = 3
 
 
 def faults_told(experiments: Sequence[Experiment]) -> str:
-    """A sentence on the faults of outputs in the recordings; empty where there are none."""
+    """A sentence on the faults of outputs in the recordings, which may be what is missing; empty where there
+    are none."""
+    texts = _faults(experiments)
+    return f" It may be faults of the recording: {texts}." if texts else ""
+
+
+def faults_beside(experiments: Sequence[Experiment]) -> str:
+    """The same beside a law, whose sizes and errors they bend."""
+    texts = _faults(experiments)
+    return f" Its sizes and errors count faults of the recording: {texts}. {EMPTY}" if texts else ""
+
+
+def _faults(experiments: Sequence[Experiment]) -> str:
+    """The faults of outputs in the recordings, listed; empty where there are none."""
     names = {name for e in experiments for name in e.output_names}
     found = [f for e in experiments for f in check_experiment(e).findings if f.code in FAULTS]
     texts = list(dict.fromkeys(f.sentence for f in found if f.column in names))
     if not texts:
         return ""
     more = f"; and {len(texts) - MOST_TOLD} more" if len(texts) > MOST_TOLD else ""
-    return f" It may be faults of the recording: {'; '.join(texts[:MOST_TOLD])}{more}."
+    return f"{'; '.join(texts[:MOST_TOLD])}{more}"

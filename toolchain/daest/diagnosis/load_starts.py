@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null
+from daest.diagnosis.null import Null, at_fit
 from daest.diagnosis.ranking import best_accepted
 from daest.estimation.records import n_observed
 from daest.model.diagnosis import Load, Proof
@@ -51,6 +51,23 @@ def from_nowhere(null: Null, bought: float = 0.0) -> tuple[LoadStart, ...]:
         return ()
     model = integrator(null.explicit)
     return tuple(start for start in far if _is_seen(null, start, model))
+
+
+def rests_on_starts(null: Null, fit: FitResult, without: FitResult) -> bool:
+    """Whether a simulation of the model with loads, in its `fit`, that is as good as its prediction is so by
+    how they begin. The noises of loads do nothing in it, so that all that makes the recordings likelier than
+    in the fit `without` loads is their starts: by as much as one would that is certain, and in a way that the
+    outputs show. What starts where no machine could have left it is none that the model foresees."""
+    if fit.log_likelihood - without.log_likelihood < GATES.max_load_start**2 / 2.0:
+        return False
+    begun = at_fit(null, fit)
+    model = integrator(begun.explicit)
+    starts = (
+        LoadStart(load, number, _told_start(fit, load.name, number)[0])
+        for load in begun.loads
+        for number in range(len(begun.experiments))
+    )
+    return any(_is_seen(begun, start, model) for start in starts)
 
 
 def takes_over(start: LoadStart, proof: Proof) -> bool:

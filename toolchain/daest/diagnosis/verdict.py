@@ -11,7 +11,7 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.held_values import OtherValue
-from daest.diagnosis.load_starts import LoadStart, takes_over
+from daest.diagnosis.load_starts import LoadStart, rests_on_starts, takes_over
 from daest.diagnosis.null import Null
 from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.screen import NullObserver
@@ -596,12 +596,14 @@ def _not_proven(evidence: Evidence, near: list[Proof]) -> Decided:
 def _simulates_to_noise(evidence: Evidence, loads: Loads) -> bool:
     """Whether the simulation is as good as the one-step prediction, on data it has not seen and on those of
     the fit, which may show more: then nothing acts on the machine that the model does not know, whatever
-    small loads the likelihood likes to have."""
-    noise = {data: _one_step_errors(evidence.baseline, loads.null, data) for data in RECORDED}
-    fits = [evidence.baseline] + ([] if evidence.told is None else [evidence.told])
-    return all(noise.values()) and any(
-        all(_is_at_noise(fit, noise[data], data) for data in RECORDED) for fit in fits
-    )
+    small loads the likelihood likes to have. Not where it is that good only by how the loads begin."""
+    fit, told = evidence.baseline, evidence.told
+    noise = {data: _one_step_errors(fit, loads.null, data) for data in RECORDED}
+    if not all(noise.values()):
+        return False
+    if told is not None and _is_all_at_noise(told, noise):
+        return True
+    return _is_all_at_noise(fit, noise) and not (told is not None and rests_on_starts(loads.null, fit, told))
 
 
 def _one_step_errors(baseline: FitResult, null: Null, data: str) -> dict[str, float]:
@@ -621,6 +623,10 @@ def _one_step_errors(baseline: FitResult, null: Null, data: str) -> dict[str, fl
         if unseen is not None:
             found[name] = float(limit if data == "estimation" else min(unseen, limit))
     return found
+
+
+def _is_all_at_noise(fit: FitResult, noise: Mapping[str, Mapping[str, float]]) -> bool:
+    return all(_is_at_noise(fit, noise[data], data) for data in RECORDED)
 
 
 def _is_at_noise(fit: FitResult, noise: Mapping[str, float], data: str) -> bool:

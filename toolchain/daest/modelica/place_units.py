@@ -155,9 +155,11 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
 
 def _scale_of_terms(flat: FlatModel, balance: Balance, unit: str) -> float:
     """How many of a flow's `unit` one of the terms of the equation is, as the factor of the rate tells: 1000
-    W in `C*der(T) = G*(T_a - T)` with C in kJ/K. 1 where a flow stands there, or a number that may be a
-    conversion."""
+    W in `C*der(T) = G*(T_a - T)` with C in kJ/K. 1 where that factor moves, or a flow stands there, or a
+    number that may be a conversion."""
     factor, row = _slope(flat, balance.row, balance.rate), flat.residual[balance.row]
+    if not is_of_parameters(flat, factor):
+        return 1.0
     value = ca.Function("value", [flat.theta], [factor])
     has_number = abs(float(value(np.ones(flat.theta.numel())))) != 1.0
     if has_number or any(ca.depends_on(row, symbol) for symbol, _ in _flows(flat, unit)):
