@@ -33,6 +33,7 @@ from daest.model.flat import FlatModel
 from daest.model.holds import Hold
 from daest.model.parts import Parameter
 from daest.modelica.attach import names_of
+from daest.modelica.clock import clock_unit
 from daest.systems.reduce import reduce_index
 
 COMPONENT = "learned"
@@ -93,7 +94,10 @@ def learned_load(
         told = white
         if not reference.adds_up:
             told = better_of(white, fit_by_simulation(null, white, flat, null.experiments, validation))
-        against, _, _ = judged(ahead, reference.fit, told, reference.adds_up, holding=reference.holding)
+        clock = clock_unit(null.flat)
+        against, _, _ = judged(
+            ahead, reference.fit, told, reference.adds_up, holding=reference.holding, clock=clock
+        )
         own = [p.name for p in told.parameters if p.name not in null.estimated]
         curve = _of_fit(curve, own, told)
     before = _validation_errors(reference.fit)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -63,6 +63,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
 from daest.model.flat import ExplicitModel, FlatModel, with_equations
 from daest.modelica.balances import needs_position
+from daest.modelica.clock import clock_unit
 from daest.numerics.statistics import chi2
 from daest.numerics.tables import turned
 from daest.systems.linearize import has_affine_dynamics
@@ -389,10 +390,11 @@ class _Judge:
         if reference is None or not validation:
             return None, (), "", False
         flat, explicit = self.prepared.flat, self.found.explicit
+        against_by = partial(judged, clock=clock_unit(null.flat))
         found = settled(null, refit.fit, flat, explicit, null.experiments, validation)
         if found is None:
             simulation = refit.simulated(validation)
-            against, _, is_told = judged(
+            against, _, is_told = against_by(
                 (), reference.fit, simulation, reference.adds_up, told, holding=reference.holding
             )
             return None, (), against, is_told
@@ -403,12 +405,12 @@ class _Judge:
         else:
             alone = fit_by_simulation(null, white, flat, null.experiments, validation, refit)
             final = better_of(white, alone)
-        against, _, is_told = judged(
+        against, _, is_told = against_by(
             ahead, reference.fit, final, reference.adds_up, told, holding=reference.holding
         )
         if against and not reference.adds_up and not any(is_worse(one) for one in ahead):
             steady = _steady_ratio(null, flat, explicit, final, validation, reference)
-            against, _, is_told = judged(ahead, reference.fit, final, False, told, steady)
+            against, _, is_told = against_by(ahead, reference.fit, final, False, told, steady)
         return final, ahead, against, is_told
 
     @property

@@ -277,6 +277,7 @@ def judged(
     told: Confirmed | None = None,
     steady: float | None = None,
     holding: Sequence[str] = (),
+    clock: str = "s",
 ) -> tuple[str, bool, bool]:
     """Why unseen data speak against the effect (empty where they do not), whether they speak clearly for it,
     and whether it does away with most of the error at some horizon. `adds_up` tells that the whole
@@ -285,7 +286,8 @@ def judged(
     ratio of the errors of simulations in which every recording has a constant load of its own
     (`steady_misfit`), where it is smaller than that without. Errors of the outputs `holding` do not add up
     where others do: no effect may simulate one of them clearly worse, where the simulation stays near enough
-    to what was measured for its initial states to be those of the machine."""
+    to what was measured for its initial states to be those of the machine. `clock` is what the model counts
+    time in."""
     ratios = error_ratios(before.simulated, after.simulated)
     whole = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.nan
     whole = whole if steady is None else min(whole, steady)
@@ -301,7 +303,7 @@ def judged(
     is_clear = bool(better) or whole < GATES.max_clear_ratio or speaks
     if worse:
         one = max(worse, key=lambda a: a.ratio)
-        over = spoken_duration(one.seconds)
+        over = spoken_duration(one.seconds, clock)
         return f"unseen data are foreseen {one.ratio:.3g} times worse over {over}", False, False
     most = 1.0 + (GATES.max_simulated_loss if speaks else GATES.same_unseen_error)
     has_held = whole > GATES.max_followed_ratio and _is_followed(before)
