@@ -1085,6 +1085,20 @@ def test_a_place_or_a_phase_is_not_known_by_being_off_zero():
     assert "p_max" in unknown("Overflow", shown, k=(6.4, 4e5), p_max=(1.2e5, 9e4))
 
 
+def test_the_stop_that_is_never_reached_is_told_as_that():
+    _, proof = proved()
+    size = next(p for p in proof.fit.parameters if p.name.startswith(proof.candidate.name))
+    stops = replace(proof.candidate, effect=next(e for e in library() if e.name == "EndStop"))
+    values = {"c": (3e5, 4e3), "phi_max": (0.22, 1e-4), "phi_min": (-4.4e8, 6.4e8)}
+    own = tuple(
+        replace(size, name=f"{stops.name}.{name}", value=value, std_error=error, unit="rad")
+        for name, (value, error) in values.items()
+    )
+    fit = replace(proof.fit, parameters=own)
+    said = told_values(replace(proof, candidate=stops, fit=fit, final=None))
+    assert "phi_max = 0.22" in said and said.endswith("phi_min not reached")
+
+
 def test_parameter_that_is_lost_beside_loads_is_found_again():
     prepared, proof = proved()
     assert proof.final is not None and from_simulation(prepared, proof) is None

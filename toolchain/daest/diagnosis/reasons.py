@@ -495,9 +495,16 @@ def told_number(one: FittedParameter | KnownProduct) -> str:
 
 def told_values(proof: Proof) -> str:
     """The parameters of a law with their uncertainties, and what is known of them beside others alone, as
-    messages tell them."""
+    messages tell them: of a place that may be anywhere, as the one of two stops that is never reached, no
+    more than that."""
     own = f"{proof.candidate.name}."
-    told = [told_value(p) for p in proof.told.parameters if p.name.startswith(own)]
+    places = {own + p.name for p in proof.candidate.effect.parameters if _is_place(p)}
+
+    def said(p: FittedParameter) -> str:
+        is_open = p.name in places and p.std_error is not None and p.std_error > abs(p.value)
+        return f"{p.name.removeprefix(own)} not reached" if is_open else told_value(p)
+
+    told = [said(p) for p in proof.told.parameters if p.name.startswith(own)]
     return ", ".join(told + [_told(p.name, p) for p in known_products(proof.candidate, proof.told)])
 
 
