@@ -46,6 +46,7 @@ from daest.diagnosis.screen import (
     size_names,
 )
 from daest.diagnosis.size_slopes import sizes_of
+from daest.diagnosis.verdict import two_alike
 from daest.errors import EstimationError, ModelError
 from daest.model.diagnosis import Screen, Screened
 from daest.modelica.attach import attach
@@ -240,6 +241,11 @@ def test_two_effects_that_say_little_alone_and_much_together_are_a_pair():
     assert 0.5 * (z @ np.linalg.inv(rho[:2, :2]) @ z - 16.0) > GATES.min_bic_gain
     # Of two that hide each other, the sizes are those beside each other.
     assert [one.sizes[0], other.sizes[0]] == pytest.approx(np.linalg.inv(rho[:2, :2]) @ z * [1 / 4, 1 / 3])
+    # Nothing is said of two that are not alike; of one effect at two places, both are named.
+    assert two_alike(hidden) == ""
+    elsewhere = replace(drag, site=replace(drag.site, name="elsewhere"))
+    alike = replace(hidden, entries=(hidden.entries[0], entry_of(elsewhere, 3.0, 1.0), hidden.entries[2]))
+    assert drag.label in two_alike(alike) and "elsewhere" in two_alike(alike)
     # Friction that would have to drive has no score alone; what it says against it counts beside the other.
     braking = replace(entry_of(friction, 4.0, -1.0), score=0.0)
     against = replace(hidden, entries=(hidden.entries[0], braking, hidden.entries[2]))

@@ -14,7 +14,7 @@ from daest.diagnosis.held_values import OtherValue
 from daest.diagnosis.load_starts import LoadStart, rests_on_starts, takes_over
 from daest.diagnosis.null import Null
 from daest.diagnosis.reasons import is_significant, told_values
-from daest.diagnosis.screen import NullObserver
+from daest.diagnosis.screen import NullObserver, promising_pairs
 from daest.diagnosis.unseen import is_likelier, is_silent
 from daest.estimation.gates import FIT
 from daest.estimation.signals import still_share
@@ -494,6 +494,18 @@ def _lasting(after: FitResult) -> str:
         f" What a simulation leaves of {name} lasts: it is {ratios[name]:.2g} times its part without memory, "
         "so that something else is missing, or acts besides, or the noise of that sensor is slow."
     )
+
+
+def two_alike(screen: Screen) -> str:
+    """Effects of one kind at two places that say much more together than any effect alone, as dead zones of
+    two drives of one kind; empty where there are none."""
+    for one, other in promising_pairs(screen):
+        if one.candidate.effect is other.candidate.effect and one.candidate.site != other.candidate.site:
+            return (
+                f" {one.candidate.label} and {other.candidate.site.name} say much more together than any "
+                "effect alone, as where two parts are alike: daest improve tries such pairs."
+            )
+    return ""
 
 
 def nearest_in_pieces(proofs: Sequence[Proof], clock: str = "s") -> str:
