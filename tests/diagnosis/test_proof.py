@@ -50,7 +50,7 @@ from daest.diagnosis.trials import (
     prepare,
     trials,
 )
-from daest.model.diagnosis import Ahead, Candidate, FreeForm, InUse, Screen, Screened
+from daest.model.diagnosis import Ahead, Candidate, Confirmed, FreeForm, InUse, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.fit import Choice, error_ratios
 from daest.modelica.attach import attach
@@ -1374,6 +1374,13 @@ def test_law_with_fewer_parameters_is_preferred_when_it_says_as_much():
     assert second.verdict == "rejected" and "nearly as much with fewer parameters" in second.reason
     better = replace(rich, delta_log_likelihood=1.2 * simple.delta_log_likelihood)
     assert len(ranked([simple, better])[0].fit.parameters) == len(more)
+    # A richer law that has bent to the recordings alone is contradicted by unseen data.
+    bent = replace(better, confirmed=Confirmed(-30.0, -2.5, 40.0))
+    straight = replace(simple, confirmed=Confirmed(5.0, 1.0, 20.0))
+    assert len(ranked([straight, bent])[0].fit.parameters) < len(more)
+    assert len(
+        ranked([straight, replace(bent, confirmed=Confirmed(-10.0, -2.5, 40.0))])[0].fit.parameters
+    ) == len(more)
 
 
 @pytest.mark.parametrize(("std_error", "worse"), [(4.6, 8.0), (None, 8.0), (4.6, 3.0)])

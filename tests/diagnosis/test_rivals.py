@@ -23,6 +23,7 @@ from daest.diagnosis.rivals import (
     no_richer_ones,
     not_begun_by,
     other_forms,
+    plainer_laws,
     reduced_laws,
     richer_laws,
     rounded,
@@ -83,6 +84,28 @@ def test_other_laws_of_a_signal_are_tried_beside_the_best_one():
     assert others and {c.site.name for c in elsewhere} == others
     assert {c.effect.name for c in elsewhere} == {"QuadraticGain"}
     assert signal_laws(proof, SimpleNamespace(entries=entries), [proof]) == ()
+
+
+def test_a_plainer_law_at_the_place_of_one_with_a_shape_is_tried():
+    """Stribeck's friction, of a speed that the screen has not seen, bends to dry friction and to others."""
+    _, _, proof = proved("CoulombFriction")
+    laws = some_effects("StribeckFriction", "CoulombFriction", "ViscousFriction", "QuadraticDrag", "Lag")
+    entries = [
+        Screened(candidate, 1.0, (0.1,) * len(candidate.effect.sizes), 0.01, False, 1.0)
+        for candidate in pairs(laws, sites(model()))
+    ]
+    rich = next(e.candidate for e in entries if e.candidate.effect.name == "StribeckFriction")
+    best, screen = replace(proof, candidate=rich), SimpleNamespace(entries=entries)
+    found = plainer_laws(best, screen, [best])
+    assert found and all(t.candidate.site == rich.site for t in found)
+    assert {t.candidate.effect.name for t in found} <= {"CoulombFriction", "ViscousFriction", "QuadraticDrag"}
+    tried = [best, *(replace(proof, candidate=t.candidate) for t in found)]
+    again = {t.candidate.effect.name for t in plainer_laws(best, screen, tried)}
+    assert not again & {t.candidate.effect.name for t in found}
+    unseen = SimpleNamespace(entries=[replace(e, p_value=0.5) for e in entries])
+    assert plainer_laws(best, unseen, [best]) == ()
+    # What has no shape has bent to nothing.
+    assert plainer_laws(proof, screen, [proof]) == ()
 
 
 def test_kink_of_a_rival_elsewhere_is_fitted_where_that_of_the_leader_is():

@@ -33,6 +33,7 @@ from daest.diagnosis.rivals import (
     no_richer_ones,
     not_begun_by,
     other_forms,
+    plainer_laws,
     reduced_laws,
     richer_laws,
     rounded,
@@ -182,7 +183,8 @@ class Course:
 
     def _with_simpler_laws(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with parts of the most likely one where that is refused, and with those that bend a
-        signal as the accepted one does, or without shapes of a refused one that the data do not show."""
+        signal as the accepted one does, plainer ones at its place, or without shapes of a refused one that
+        the data do not show."""
         found = self.screens[0]
         best = most_likely(proofs)
         if best is not None and best.verdict == "rejected":
@@ -190,7 +192,8 @@ class Course:
             proofs = stages.second_tries(proofs, found)
         best = best_accepted(ranked(proofs))
         if best is not None:
-            proofs += stages.proved(stages.prepared(signal_laws(best, found, proofs)), ())[0]
+            others = signal_laws(best, found, proofs) + plainer_laws(best, found, proofs)
+            proofs += stages.proved(stages.prepared(others), ())[0]
             again = stages.proved(stages.prepared(from_other_sizes(best, found, proofs)), ())[0]
             return _with_second_tries(proofs, again)
         held = with_held_shapes(self.stand.null, proofs)

@@ -427,6 +427,15 @@ def _is_rival(one: Proof, best: Proof) -> bool:
     )
 
 
+def _is_contradicted(best: Proof, one: Proof) -> bool:
+    """Whether unseen data speak against the best law, not against the other, make that the likelier of both,
+    and are simulated no worse by it: an outlet had bent to what a leak does in the recordings alone."""
+    against, other = (p.confirmed.certainty < -GATES.likelier_significance for p in (best, one))
+    gain = one.confirmed.gain - best.confirmed.gain
+    is_likelier = gain > _bic(best) - _bic(one) and _unseen_ratio(best, one) <= 1.0
+    return against and not other and is_likelier
+
+
 def _is_as_good(best: Proof, one: Proof) -> bool:
     """Whether another law with as many parameters foresees unseen data as well, and is not very much less
     likely: the drift of a sensor and a constant load on a body that turns freely."""
@@ -597,6 +606,7 @@ def _simplest(accepted: Sequence[Proof]) -> Proof:
             and (
                 p.delta_log_likelihood > GATES.min_simpler_gain * best.delta_log_likelihood
                 or _is_vague(best, p)
+                or _is_contradicted(best, p)
             )
         )
     ]

@@ -582,6 +582,25 @@ def signal_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Tr
     return tuple(found.values())
 
 
+def plainer_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
+    """Laws without states at the place of the accepted `best` that have fewer parameters, show in the screen,
+    and were not tried: an outlet over any pressure bends to what a leak does, and the screen, which has seen
+    it at other pressures, tells the two apart. Laws of signals have `signal_laws`."""
+    own = best.candidate
+    if own.is_of_signal or not any(p.estimate and p.role == "shape" for p in own.effect.parameters):
+        return ()
+    known = {p.candidate.effect.class_name for p in tried if p.candidate.site == own.site}
+    found: dict[str, Trial] = {}
+    for entry in screen.entries:
+        one = entry.candidate
+        is_plainer = one.site == own.site and one.n_unknowns < own.n_unknowns
+        is_static = not (one.effect.n_states or one.inputs or entry.absorbed)
+        is_new = one.effect.class_name not in known and entry.p_value < GATES.screen_level
+        if is_plainer and is_static and is_new:
+            found.setdefault(one.effect.class_name, Trial(one, entry.sizes, ()))
+    return tuple(found.values())[:MOST_SIMPLER]
+
+
 def reduced_laws(null: Null, best: Proof, screen: Screen) -> list[Prepared]:
     """Laws with fewer parameters at the place of `best`, from its estimates, where the data leave one of its
     own undetermined: a search of a simpler law from the screen may have ended elsewhere."""
