@@ -146,6 +146,10 @@ def test_lag_is_looked_beside_where_it_leaves_errors_far_above_the_noise(error, 
         told=SimpleNamespace(simulated={"validation": Agreement({"T": None}, {"T": error})}),
     )
     assert lags_in_the_way(SimpleNamespace(proofs=(lag,))) == ([lag] if is_looked_beside else [])
+    # One of another signal that is less likely has held nothing back where this one leaves nothing.
+    far = SimpleNamespace(simulated={"validation": Agreement({"T": None}, {"T": 1.4})})
+    less = SimpleNamespace(**{**vars(lag), "delta_bic": 50.0, "told": far})
+    assert (less in lags_in_the_way(SimpleNamespace(proofs=(lag, less)))) == is_looked_beside
 
 
 def test_no_second_lag_beside_one_that_has_let_no_law_in(monkeypatch):

@@ -228,3 +228,27 @@ def test_leaders_in_open_loop_are_simulated_where_nothing_is_enough(
 
     found = course._with_leaders_in_use(cast(Any, SimpleNamespace(shown_by_leaders=shown)), proofs)
     assert (found, asked) == ((proofs, []) if wanted is None else ("shown", wanted))
+
+
+@pytest.mark.parametrize(
+    ("left", "white", "verdict", "is_looked_for"),
+    [
+        (1.6, 0.1, "supported", True),
+        (0.4, 0.1, "supported", False),  # most of the errors are gone
+        (1.6, 1.5, "supported", False),  # what is left has no memory
+        (1.6, 0.1, "rejected", False),
+    ],
+)
+def test_effects_with_states_are_looked_for_where_an_accepted_law_leaves_most(
+    monkeypatch: Any, left: float, white: float, verdict: str, is_looked_for: bool
+) -> None:
+    monkeypatch.setattr(course_module, "ranked", lambda given: given)
+    before = SimpleNamespace(simulated={"validation": Agreement({}, {"y": 2.0})})
+    stand = SimpleNamespace(reference=SimpleNamespace(fit=before))
+    told = SimpleNamespace(simulated={"validation": Agreement({}, {"y": left}, {"y": white})})
+    play = SimpleNamespace(verdict=verdict, told=told)
+    nothing = cast(Any, None)
+    course = Course(
+        cast(Any, stand), nothing, nothing, nothing, (), (), DiagnoseOptions(), nothing, nothing, nothing
+    )
+    assert course._leaves_most(cast(Any, [play])) is is_looked_for

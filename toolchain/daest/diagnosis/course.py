@@ -231,9 +231,9 @@ class Course:
 
     def _with_storage(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with effects with states that a simulation shows, where no law is accepted and something
-        is left to explain."""
+        is left to explain, or the accepted one leaves most of it: what delays a sensor is play to some."""
         found = self.screens[0]
-        if self._is_open(proofs):
+        if self._is_open(proofs) or self._leaves_most(proofs):
             proofs += stages.proved(stages.storage(found, self.candidates, proofs), proofs)[0]
             proofs += stages.proved(stages.bent(found, self.candidates, proofs), proofs)[0]
         return proofs
@@ -262,6 +262,15 @@ class Course:
         judged = [p.candidate for p in proofs if p.verdict != "rejected" or p.in_use.n_independent]
         wanted = _untried([*constants, *others], judged)
         return stages.shown_by_leaders(self.stand, wanted[:MOST_IN_PIECES], proofs)
+
+    def _leaves_most(self, proofs: Sequence[Proof]) -> bool:
+        """Whether the accepted law takes little of the errors of a simulation, and what it leaves lasts."""
+        best, reference = best_accepted(ranked(proofs)), self.stand.reference
+        if best is None or reference is None or self.options.is_over:
+            return False
+        ratios = error_ratios(reference.fit.simulated, best.told.simulated)
+        takes_most = bool(ratios) and max(ratios) <= GATES.max_most_ratio
+        return not takes_most and verdicts.most_lasting(best.told)[1] >= GATES.told_rest
 
     def _is_open(self, proofs: Sequence[Proof]) -> bool:
         """Whether no law is accepted, something is left to explain, and there is time for it."""

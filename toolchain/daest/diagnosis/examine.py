@@ -148,7 +148,8 @@ def _examined(
     if decided.name not in ("supported", "nothing missing"):
         message += _said_of_inputs(null, stand.told)
     if decided.name not in EXPLAINED:
-        message += verdicts.nearest_in_pieces(decided.proofs, evidence.clock) + verdicts.two_alike(found)
+        message += verdicts.nearest_in_pieces(decided.proofs, evidence.clock)
+        message += verdicts.two_alike(found) if decided.name == "external disturbance" else ""
     recordings = (*null.experiments, *stand.validation)
     faults = "" if decided.name in EXPLAINED else faults_told(recordings)
     beside_law = faults_beside(recordings) if decided.name == "supported" else ""

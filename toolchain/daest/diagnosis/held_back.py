@@ -43,14 +43,16 @@ def lags_in_the_way(found: Diagnosis) -> list[Proof]:
         return []
     # By its simulation a law is likelier than that of the model, and not than a lag beside loads.
     laws = [p for p in found.proofs if not p.candidate.is_dynamic and not p.is_by_use]
-    least = max((p.delta_bic for p in laws), default=0.0)
+    # Beside a lag that leaves nothing, none that is less likely has held anything back.
+    enough = [p for p in found.proofs if _is_dynamics_of_signal(p) and not _leaves_anything(p)]
+    least = max((p.delta_bic for p in (*laws, *enough)), default=0.0)
     is_shown = bool(accepted) or any(_is_shown(found, p) for p in laws)
     likely = [
         p
         for p in found.proofs
         if _is_dynamics_of_signal(p)
         and p.delta_bic > max(least, GATES.min_told_bic_gain)
-        and (is_shown or _leaves_a_form(p) or _leaves_errors(p))
+        and (is_shown or _leaves_anything(p))
     ]
     fewest = min((p.candidate.effect.n_states for p in likely), default=0)
     return sorted(
@@ -78,6 +80,10 @@ def lag_instead(stand: Stand, others: Sequence[Proof], law: Proof, options: Diag
 def _is_dynamics_of_signal(proof: Proof) -> bool:
     """Whether a law brings a signal dynamics of its own, such as a lag."""
     return proof.candidate.is_dynamic and proof.candidate.is_of_signal
+
+
+def _leaves_anything(proof: Proof) -> bool:
+    return _leaves_a_form(proof) or _leaves_errors(proof)
 
 
 def _leaves_a_form(proof: Proof) -> bool:

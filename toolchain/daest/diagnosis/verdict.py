@@ -482,18 +482,25 @@ def _lasting(after: FitResult) -> str:
     """A sentence on the output whose errors in a simulation of unseen data last longest; empty where none
     do. The error one sample ahead says nothing of it where no load can take the place of what is missing: the
     noise of the sensor then stands for it."""
-    seen = after.simulated.get("validation")
-    if seen is None:
-        return ""
-    pairs = ((name, seen.rms.get(name), white) for name, white in seen.white.items())
-    ratios = {name: rms / white for name, rms, white in pairs if rms and white}
-    name = max(ratios, key=ratios.__getitem__, default="")
-    if not name or ratios[name] < GATES.told_rest:
+    name, ratio = most_lasting(after)
+    if ratio < GATES.told_rest:
         return ""
     return (
-        f" What a simulation leaves of {name} lasts: it is {ratios[name]:.2g} times its part without memory, "
+        f" What a simulation leaves of {name} lasts: it is {ratio:.2g} times its part without memory, "
         "so that something else is missing, or acts besides, or the noise of that sensor is slow."
     )
+
+
+def most_lasting(after: FitResult) -> tuple[str, float]:
+    """The output whose errors in a simulation of unseen data last longest, and how many times their part
+    without memory they are; 0 where nothing is known."""
+    seen = after.simulated.get("validation")
+    if seen is None:
+        return "", 0.0
+    pairs = ((name, seen.rms.get(name), white) for name, white in seen.white.items())
+    ratios = [(rms / white, name) for name, rms, white in pairs if rms and white]
+    ratio, name = max(ratios, default=(0.0, ""))
+    return name, ratio
 
 
 def two_alike(screen: Screen) -> str:
