@@ -178,7 +178,9 @@ def test_law_takes_the_place_of_loads_that_begin_with_the_recordings(tmp_path: P
 
 def test_load_that_no_law_takes_over_is_told() -> None:
     load = SimpleNamespace(place="body", unit="W", time_constant=17.0)
-    decided = verdict._of_starts(SimpleNamespace(proofs=(), clock="s"), [SimpleNamespace(load=load, value=2.0)])
+    decided = verdict._of_starts(
+        SimpleNamespace(proofs=(), clock="s"), [SimpleNamespace(load=load, value=2.0)]
+    )
     assert decided.name == "external disturbance"
     assert "a load at body that begins with the recording (2 W, gone by" in decided.message
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Sequence
 
@@ -75,7 +74,8 @@ def _deep_connection(equations: Sequence[Equation]) -> tuple[Equation, str] | No
     counts = Counter(end for group in ends for end in group)
     for one, group in zip(sums, ends, strict=True):
         parts = [end.split(".") for end in group]
-        level = len(os.path.commonprefix([part[:-1] for part in parts]))
+        owners = list(zip(*(part[:-1] for part in parts), strict=False))
+        level = next((i for i, names in enumerate(owners) if len(set(names)) > 1), len(owners))
         for end, part in zip(group, parts, strict=True):
             if len(part) > level + 2 and counts[end] > 1:
                 return one, end
@@ -86,8 +86,8 @@ def _reaches_inside(equation: Equation, end: str, surplus: int, what: str, where
     owner = end.rsplit(".", 2)[0]
     return ModelError(
         "model-unbalanced",
-        f"{what}: {surplus} too many. A connection reaches `{end}` inside of `{owner}`, where it is connected "
-        f"already: its flow is balanced twice, in `{equation.text}` once more",
+        f"{what}: {surplus} too many. A connection reaches `{end}` inside of `{owner}`, where it is "
+        f"connected already: its flow is balanced twice, in `{equation.text}` once more",
         where=equation.place or where,
         remedy=f"Give the class of `{owner}` a connector of its own for it, and connect that one.",
     )
