@@ -55,6 +55,45 @@ def test_what_bends_or_jumps_in_time_is_allowed(tmp_path, law):
     check_jumps(law_of(tmp_path, law))
 
 
+GEARED = """
+package P
+  function ratio
+    input Real g;
+    output Real r;
+  algorithm
+    r := if g < 1.5 then 9.6 else 4.2;
+  end ratio;
+  model Wheel
+    input Real gear;
+    input Real tau;
+    parameter Real m = 3 annotation(__Daest(estimate = true));
+    Real v(start = 0, fixed = true);
+    Real i = ratio(WHAT);
+  equation
+    m*der(v) = i*tau - v;
+  end Wheel;
+  model Car
+    input Real gear;
+    input Real tau;
+    output Real v = wheel.v;
+    Wheel wheel;
+  equation
+    wheel.gear = gear;
+    wheel.tau = tau;
+  end Car;
+end P;
+"""
+
+
+def test_jump_with_an_input_that_a_component_is_handed_is_allowed(tmp_path):
+    path = tmp_path / "P.mo"
+    path.write_text(GEARED.replace("WHAT", "gear"))
+    check_jumps(compile_model(path, "P.Car"))
+    path.write_text(GEARED.replace("WHAT", "gear + v"))
+    with pytest.raises(EstimationError):
+        check_jumps(compile_model(path, "P.Car"))
+
+
 def test_identify_refuses_it_before_anything_else():
     explicit = explicit_from(
         ("phi", "w"), {"J": 0.5, "stick": 0.1},

@@ -241,6 +241,18 @@ CASES = {
         "compete for `x`, `y`",
         "Remove",
     ),
+    "connection into a component": (
+        "package P\n connector C Real v; flow Real i; end C;\n"
+        " model R C a; C b; equation a.v - b.v = a.i; a.i + b.i = 0; end R;\n"
+        " model S C c; equation c.v = 0; end S;\n"
+        " model W R r; R q; C a; C b; equation connect(a, r.a); connect(r.b, q.a); connect(q.b, b); end W;\n"
+        " model M W w; S s; S t; S u;\n equation connect(w.a, s.c); connect(w.b, t.c);\n"
+        " connect(w.r.b, u.c);\n end M;\nend P;",
+        "model-unbalanced",
+        None,
+        "reaches `w.r.b` inside of `w`",
+        "connector of its own",
+    ),
     "open input": (
         "model M\n model A input Real u; Real x; equation der(x) = u; end A;\n A a;\nend M;",
         "model-unbalanced",

@@ -176,10 +176,12 @@ def check_jumps(flat: FlatModel) -> None:
     """Error `identify-jump` for the first equation whose residual jumps where the unknowns pass some surface.
 
     Comparisons, sign, floor and ceil whose arguments contain unknowns are tried; those that only bend the
-    equation (an absolute value, a limit) are left alone, and so are jumps in time or with an input.
+    equation (an absolute value, a limit) are left alone, and so are jumps in time or with an input, also
+    where variables of components hand it on.
     """
-    unknowns = ca.vertcat(flat.derivatives, flat.xi)
-    others = ca.vertcat(flat.u, flat.w, flat.time)
+    driven = _driven_variables(flat)
+    unknowns = ca.vertcat(flat.derivatives, flat.xi[np.flatnonzero(~driven).tolist()])
+    others = ca.vertcat(flat.u, flat.w, flat.time, flat.xi[np.flatnonzero(driven).tolist()])
     expressions = ca.vertcat(flat.residual, flat.output_expressions)
     surfaces = [g for g in _switches(expressions) if ca.depends_on(g, unknowns)]
     if not surfaces:
@@ -194,6 +196,35 @@ def check_jumps(flat: FlatModel) -> None:
             rows = _jumping_rows(surface, residual, v, rest, flat.theta_values)
             if rows.size:
                 raise _jump(flat, int(rows[0]))
+
+
+def _driven_variables(flat: FlatModel) -> np.ndarray:
+    """Which of ξ inputs, time and parameters alone give, (n,) bool: an input that connections hand on, and
+    what is computed of it.
+
+    An equation without derivatives and with one variable that is not known yet gives that one.
+    """
+    n = flat.xi.numel()
+    moved = set(ca.jacobian_sparsity(flat.residual, flat.derivatives).get_triplet()[0])
+    moved |= set(ca.jacobian_sparsity(flat.residual, flat.w).get_triplet()[0])
+    open_in: dict[int, set[int]] = {}
+    for row, column in zip(*ca.jacobian_sparsity(flat.residual, flat.xi).get_triplet(), strict=True):
+        if row not in moved:
+            open_in.setdefault(row, set()).add(column)
+    rows_of: dict[int, list[int]] = {}
+    for row, columns in open_in.items():
+        for column in columns:
+            rows_of.setdefault(column, []).append(row)
+    driven = np.zeros(n, dtype=bool)
+    waiting = [row for row, columns in open_in.items() if len(columns) == 1]
+    while waiting:
+        for column in open_in[waiting.pop()]:
+            driven[column] = True
+            for row in rows_of[column]:
+                open_in[row] = open_in[row] - {column}
+                if len(open_in[row]) == 1:
+                    waiting.append(row)
+    return driven
 
 
 def _jumping_rows(

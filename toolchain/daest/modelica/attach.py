@@ -20,7 +20,7 @@ from daest.model.effects import Effect, EffectParameter, Placement, Site
 from daest.model.flat import FlatModel
 from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Parameter, Variable
 from daest.modelica.balances import Balance, balances, converted_text, in_connectors, needs_position
-from daest.modelica.connectors import NAMES, connectors_of
+from daest.modelica.connectors import NAMES, connectors_of, flow_scale
 from daest.modelica.effects import OWN, EffectModel, effect_model
 from daest.modelica.factors import Entry
 from daest.modelica.internal_forces import InternalForce, internal_forces
@@ -357,7 +357,12 @@ class _Assembly:
         sign = self._orientation(row, target.flow)
         old = self.equations[row]
         left, _, right = old.text.partition(" = ")
-        text = f"{left} + {flow_name} = {right}" if right == "0" else f"{old.text} + {flow_name}"
+        scale = flow_scale(self.unknowns[target.flow].unit, target.domain)
+        if scale != 1.0:  # in the unit of the connector
+            flow_term, flow = f"{1.0 / scale!r}*{flow_name}", flow / scale
+        else:
+            flow_term = flow_name
+        text = f"{left} + {flow_term} = {right}" if right == "0" else f"{old.text} + {flow_term}"
         origin = f"{old.origin}, {_owner(flow_name)}" if old.origin else _owner(flow_name)
         self.equations[row] = replace(old, text=text, kind="flow", origin=origin)
         self.residual[row] = self.residual[row] + sign * flow
@@ -623,7 +628,9 @@ class _Assembly:
     def _terms_of(self, rows: set[int]) -> set[str]:
         """Components of which something stands in these equations of the model, and in no other one."""
         own = {
-            i: f" {e.text}" for i, e in enumerate(self.equations) if not e.origin and e.kind != "connection"
+            i: f" {e.text}"
+            for i, e in enumerate(self.equations)
+            if i in rows or (not e.origin and e.kind != "connection")
         }
         texts = [own[row] for row in rows]
         shared = {name for name in self._names if all(f" {name}." in text for text in texts)}

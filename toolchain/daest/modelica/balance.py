@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import casadi as ca
@@ -38,6 +39,8 @@ def unbalanced(
         what += f": {missing} too few. These unknowns are not all determined: {names}"
         remedy = "Add the missing equations, connect open connectors, or declare given signals as inputs."
         return ModelError("model-unbalanced", what, where=where, remedy=remedy)
+    if (deep := _deep_connection(equations)) is not None:
+        return _reaches_inside(*deep, -missing, what, where)
     shown = (equations[i] for i in over[:_LISTED])
     listed = "\n".join(f"    {one.text}    ({one.place or one.origin})" for one in shown)
     names = _listed(
@@ -60,6 +63,33 @@ def _open_input(inputs: Sequence[Element], missing: int, what: str, where: str) 
         f"{what}: nothing gives a value to {names}",
         where=where,
         remedy="Connect it, bind it (`source(V = u)`), or mark a noise by __Daest(noise = true).",
+    )
+
+
+def _deep_connection(equations: Sequence[Equation]) -> tuple[Equation, str] | None:
+    """The sum of flows of a connection that reaches a connector inside of a component, which another
+    connection balances already, with that connector."""
+    sums = [one for one in equations if one.kind == "flow"]
+    ends = [(one.origin or "").split(", ") for one in sums]
+    counts = Counter(end for group in ends for end in group)
+    for one, group in zip(sums, ends, strict=True):
+        parts = [end.split(".") for end in group]
+        owners = list(zip(*(part[:-1] for part in parts), strict=False))
+        level = next((i for i, names in enumerate(owners) if len(set(names)) > 1), len(owners))
+        for end, part in zip(group, parts, strict=True):
+            if len(part) > level + 2 and counts[end] > 1:
+                return one, end
+    return None
+
+
+def _reaches_inside(equation: Equation, end: str, surplus: int, what: str, where: str) -> ModelError:
+    owner = end.rsplit(".", 2)[0]
+    return ModelError(
+        "model-unbalanced",
+        f"{what}: {surplus} too many. A connection reaches `{end}` inside of `{owner}`, where it is "
+        f"connected already: its flow is balanced twice, in `{equation.text}` once more",
+        where=equation.place or where,
+        remedy=f"Give the class of `{owner}` a connector of its own for it, and connect that one.",
     )
 
 

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
-from daest.modelica.connectors import LEVEL
+from daest.modelica.connectors import LEVEL, connectors_of
 from daest.numerics.matching import maximum_matching
 from daest.quantities import Conversion, conversion, converts, dimensions, is_of, parse_unit
 
@@ -105,12 +105,14 @@ def needs_position(domain: Domain) -> bool:
 
 
 def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
-    """Rows of the model itself, and `everywhere` of its components, too, that hold the rate of an unknown and
-    more than that. What events assign has no balance: it stands still between them. Nor has a row that gives
-    a reading alone of a rate that another row balances, as `acc = der(v)/9.81` does. Of several rates in one
-    row those are left out that another row needs (`_of_own_rows`)."""
+    """Rows of the model itself and of components without a connector of a domain (`_open_components`), and
+    `everywhere` of all components, that hold the rate of an unknown and more than that. What events assign
+    has no balance: it stands still between them. Nor has a row that gives a reading alone of a rate that
+    another row balances, as `acc = der(v)/9.81` does. Of several rates in one row those are left out that
+    another row needs (`_of_own_rows`)."""
     laws = [i for i, e in enumerate(flat.equations) if e.kind == "component"]
-    rows = [i for i in laws if everywhere or not flat.equations[i].origin]
+    of_own = _open_components(flat)
+    rows = [i for i in laws if everywhere or (flat.equations[i].origin or "") in of_own]
     if not rows:
         return []
     slopes = slopes_near_start(flat)
@@ -132,6 +134,15 @@ def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
     readings = _readings(slopes)
     moved = {one.variable for one in found if one.row not in readings}
     return _of_own_rows([one for one in found if one.row not in readings or one.variable not in moved])
+
+
+def _open_components(flat: FlatModel) -> set[str]:
+    """The model itself, "", and the components that no connector of a domain stands for, as those with
+    connectors of the user's own whose potential is a speed, or in bar: nothing can be connected to them, and
+    their equations are places as those of the model are. Not what was attached to the model."""
+    origins = {e.origin or "" for e in flat.equations if e.kind == "component"}
+    joined = {one.component for one in connectors_of(flat.unknowns).values()}
+    return {name for name in origins - joined if name.partition(".")[0] not in flat.attached} | {""}
 
 
 def _of_own_rows(found: Sequence[Balance]) -> list[Balance]:

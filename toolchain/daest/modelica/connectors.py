@@ -5,11 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 from daest.model.effects import Domain
 from daest.model.parts import Variable
 from daest.modelica import syntax as s
 from daest.modelica.parameters import is_parameter, referenced_names
+from daest.quantities import conversion, converts, is_of
 
 # (potential, flow) -> domain, as in the Modelica Standard Library; hydraulic connectors carry a volume flow.
 DOMAINS: dict[tuple[str, str], Domain] = {
@@ -23,6 +25,14 @@ DOMAINS: dict[tuple[str, str], Domain] = {
 NAMES: dict[Domain, tuple[str, str]] = {domain: names for names, domain in DOMAINS.items()}
 MASS_FLOW = "kg/s"  # of a gas, say: the laws are those of volume flows, with kg for m3 in their units
 LEVEL = "m"  # of a liquid, beside flows or areas: the laws are those of pressures, with m for Pa
+# Unit of the flows of a domain in the laws of the library.
+FLOWS: dict[Domain, str] = {
+    "translational": "N",
+    "rotational": "N.m",
+    "thermal": "W",
+    "hydraulic": "m3/s",
+    "electrical": "A",
+}
 # The same by units, for a connector that calls them otherwise.
 _UNITS: dict[tuple[str, str], Domain] = {
     ("rad", "N.m"): "rotational",
@@ -55,6 +65,28 @@ class Connector:
         return unknowns[self.potential].name, unknowns[self.flow].name
 
 
+def flow_scale(unit: str, domain: Domain) -> float:
+    """How many of the domain's unit a flow of 1 in `unit` is: 1000 for kW; 1 for a unit of another kind.
+
+    >>> flow_scale("kW", "thermal"), flow_scale("kg/s", "hydraulic")
+    (1000.0, 1.0)
+    """
+    wanted = FLOWS[domain]
+    return conversion(unit, wanted).scale if is_of(unit, wanted) and converts(unit, wanted) else 1.0
+
+
+@cache
+def _by_units(potential: str, flow: str) -> Domain | None:
+    """The domain of a connector by its units, which may be others of the same quantities."""
+    if (potential, flow) in _UNITS:
+        return _UNITS[potential, flow]
+    for (wanted, wanted_flow), domain in _UNITS.items():
+        pairs = ((potential, wanted), (flow, wanted_flow))
+        if wanted not in ("rad", LEVEL) and all(is_of(unit, of) and converts(unit, of) for unit, of in pairs):
+            return domain
+    return None
+
+
 def connectors_of(unknowns: Sequence[Variable]) -> dict[str, Connector]:
     """All connectors among the unknowns whose variables have the names of a domain, or are one potential and
     one flow in its units, by name, in their order."""
@@ -72,7 +104,7 @@ def connectors_of(unknowns: Sequence[Variable]) -> dict[str, Connector]:
                 found[name] = Connector(name, domain, position[f"{name}.{potential}"], i)
         if name and name not in found and len(members[name]) == 2:
             other = next(one for one in members[name] if one != i)
-            by_unit = _UNITS.get((unknowns[other].unit, unknown.unit))
+            by_unit = _by_units(unknowns[other].unit, unknown.unit)
             if by_unit is not None:
                 found[name] = Connector(name, by_unit, other, i)
     return found

@@ -486,6 +486,11 @@ def _opened_balance(original: _Original, place: str, domain: Domain) -> tuple[_O
     """The model with a connector at a bare equation, and that connector."""
     flat = original.flat
     balance = next(b for b in balances(flat) if b.name(flat) == place)
+    if owner := flat.equations[balance.row].origin:
+        raise original.refusal(
+            f"the equation {flat.equations[balance.row].text} lies inside of the component `{owner}`",
+            "Put the effect into the class of the component, or write the balance in the model itself.",
+        )
     end = term_connector(flat, (balance.row,), domain)
     if end is not None:
         return original, end

@@ -9,8 +9,9 @@ from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.modelica.balances import converted_text, in_connectors
 from daest.modelica.components import Classes
-from daest.modelica.connectors import NAMES, Connector
+from daest.modelica.connectors import NAMES, Connector, flow_scale
 from daest.modelica.outline import class_heads
+from daest.quantities import Conversion
 
 _PORTS: dict[Domain, str] = {
     "rotational": "Daest.Mechanics.Rotational.Interfaces.Flange_b",
@@ -31,8 +32,13 @@ class Joint:
 
 
 def needs_joint(flat: FlatModel, connector: Connector) -> bool:
-    """Whether the variables of a connector have other names than those of the library."""
-    return _variables(flat, connector) != NAMES[connector.domain]
+    """Whether the variables of a connector have other names or units than those of the library."""
+    potential, flow = flat.unknowns[connector.potential].unit, flat.unknowns[connector.flow].unit
+    return (
+        _variables(flat, connector) != NAMES[connector.domain]
+        or in_connectors(potential) != Conversion()
+        or flow_scale(flow, connector.domain) != 1.0
+    )
 
 
 def joint(source: bytes, class_name: str, flat: FlatModel, connector: Connector, name: str) -> Joint | None:
@@ -49,6 +55,8 @@ def joint(source: bytes, class_name: str, flat: FlatModel, connector: Connector,
     potential, flow = _variables(flat, connector)
     wanted, wanted_flow = NAMES[connector.domain]
     own = converted_text(f"own.{potential}", in_connectors(flat.unknowns[connector.potential].unit))
+    scale = flow_scale(flat.unknowns[connector.flow].unit, connector.domain)
+    entering = f"own.{flow}" if scale == 1.0 else f"{scale!r}*own.{flow}"
     kind = name[:1].upper() + name[1:]
     lines = (
         f'model {kind} "Joins connectors whose variables have other names"',
@@ -56,7 +64,7 @@ def joint(source: bytes, class_name: str, flat: FlatModel, connector: Connector,
         f"  {_PORTS[connector.domain]} port;",
         "equation",
         f"  port.{wanted} = {own};",
-        f"  own.{flow} + port.{wanted_flow} = 0;",
+        f"  {entering} + port.{wanted_flow} = 0;",
         f"end {kind};",
         f"{kind} {name};",
     )

@@ -9,22 +9,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import casadi as ca
 import numpy as np
 
-from daest.model.effects import Domain, Effect, EffectParameter, Site
+from daest.model.effects import Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
 from daest.modelica.balances import DOMAINS, Balance, balances, base_unit
 from daest.modelica.clock import clock_unit, in_clock, seconds_in
-from daest.modelica.connectors import LEVEL, MASS_FLOW, connectors_of
+from daest.modelica.connectors import FLOWS, LEVEL, MASS_FLOW, connectors_of
 from daest.modelica.factors import ONE, Entry, are_same, divisors, factors, given_value, is_of_parameters
 from daest.modelica.other_units import SCALES, in_other_units, power_of
 from daest.quantities import conversion, dimensions, in_base_units, is_of
 
-_FLOWS: dict[Domain, str] = {
-    "translational": "N",
-    "rotational": "N.m",
-    "thermal": "W",
-    "hydraulic": "m3/s",
-    "electrical": "A",
-}
 _PRESSURE = re.compile(r"\bPa")  # in the unit of a parameter: the unit of a level, where that is the variable
 _SIGNAL = "u"  # in the unit of a parameter: the unit of the signal
 _INVERSE = "1/u"
@@ -92,7 +85,7 @@ def flow_unit(flat: FlatModel, site: Site) -> str:
     """Unit of the terms of the bare equation at `site` where they are flows of its domain, else empty (those
     of a mesh may be voltages, currents or rates)."""
     balance = _balance_of(flat, site.name) if site.kind == "equation" else None
-    return _FLOWS[site.domain] if balance is not None and balances_flows(flat, balance) else ""
+    return FLOWS[site.domain] if balance is not None and balances_flows(flat, balance) else ""
 
 
 def flows_in_rows(flat: FlatModel, rows: Sequence[int]) -> list[ca.SX]:
@@ -133,24 +126,24 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
     In other base units every quantity has another value. The factor must change as flow over rate does.
     """
     domain = balance.domain(flat)
-    wanted = None if domain is None else dimensions(_FLOWS[domain])
+    wanted = None if domain is None else dimensions(FLOWS[domain])
     rate = dimensions(flat.unknowns[balance.variable].unit)
     if wanted is None or rate is None:
         return None
     if domain is not None:
         own = flat.unknowns[balance.variable].unit not in (*DOMAINS, LEVEL)
-        if own or _has_flow_of_other_scale(flat, balance, _FLOWS[domain]):
-            return _slope_of_flow(flat, balance, _FLOWS[domain])
+        if own or _has_flow_of_other_scale(flat, balance, FLOWS[domain]):
+            return _slope_of_flow(flat, balance, FLOWS[domain])
     need = {d: wanted.get(d, 0.0) - rate.get(d, 0.0) for d in {*wanted, *rate}}
     need["[time]"] = need.get("[time]", 0.0) + 1.0
     if _slope_has(flat, balance.row, balance.rate, need):
-        return ONE / _scale_of_terms(flat, balance, _FLOWS[domain]) if domain else ONE
+        return ONE / _scale_of_terms(flat, balance, FLOWS[domain]) if domain else ONE
     for found in parts_divided_by(flat, balance.row):
         storages = [one for one in found if _slope_has(flat, balance.row, balance.rate, need, one)]
         if storages:
             is_one = all(are_same(flat, one, storages[0]) for one in storages)
             return 1.0 / storages[0] if is_one else None
-    return None if domain is None else _slope_of_flow(flat, balance, _FLOWS[domain])
+    return None if domain is None else _slope_of_flow(flat, balance, FLOWS[domain])
 
 
 def _scale_of_terms(flat: FlatModel, balance: Balance, unit: str) -> float:
@@ -224,7 +217,7 @@ def has_drop(flat: FlatModel, row: int, flow: int, drop: str, unit: str, times: 
 def is_of_heads(flat: FlatModel, row: int, flow: int, times: ca.SX = ONE) -> bool:
     """Whether the equation, `times` an expression, is a sum of heads, in meters of the liquid, along a path
     of the unknown `flow`."""
-    return has_drop(flat, row, flow, LEVEL, _FLOWS["hydraulic"], times)
+    return has_drop(flat, row, flow, LEVEL, FLOWS["hydraulic"], times)
 
 
 def parts_divided_by(flat: FlatModel, row: int) -> tuple[list[ca.SX], list[ca.SX]]:

@@ -15,8 +15,8 @@ import numpy as np
 from daest.errors import ModelError
 from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
-from daest.modelica.balances import Balance, balances, domain_of, slopes_near_start
-from daest.modelica.connectors import Connector, connectors_of
+from daest.modelica.balances import Balance, balances, domain_of, in_connectors, slopes_near_start
+from daest.modelica.connectors import Connector, connectors_of, flow_scale
 from daest.modelica.inner_signals import inner_signals
 from daest.modelica.internal_forces import internal_forces
 from daest.modelica.meshes import meshes
@@ -437,9 +437,12 @@ class Network:
         return tuple((n.rpartition(".")[2], n) for n in names if n.rpartition(".")[0] == component)
 
     def cuts(self) -> list[Site]:
-        """Connectors that carry a flow; the only two of a connection set are one place."""
+        """Connectors that carry a flow; the only two of a connection set are one place. None in units of
+        another scale than the library's, where the law would be in series with what it does not match."""
         found: list[Site] = []
         for one in self.sets:
+            if not all(self._is_to_scale(m) for m in one.members):
+                continue
             inside = [m for m in one.members if not one.is_outside(m)]
             carrying = [m for m in inside if not self._is_idle(m)]
             if len(carrying) == 2:
@@ -447,6 +450,11 @@ class Network:
             elif len(carrying) > 2:
                 found += [self._cut(member, ()) for member in carrying]
         return found
+
+    def _is_to_scale(self, name: str) -> bool:
+        one = self.connectors[name]
+        potential, flow = (self.flat.unknowns[i].unit for i in (one.potential, one.flow))
+        return in_connectors(potential).scale == 1.0 and flow_scale(flow, one.domain) == 1.0
 
     def _cut(self, name: str, aliases: tuple[str, ...]) -> Site:
         return Site(name, "connector", self.connectors[name].domain, (name,), aliases)

@@ -1,0 +1,114 @@
+"""Components of the user's own connectors: a speed as potential, or units of another scale."""
+
+import numpy as np
+import pytest
+
+from daest.errors import ModelError
+from daest.modelica.attach import attach
+from daest.modelica.compile import compile_model
+from daest.modelica.effects import find_effect
+from daest.modelica.extend import extend_model
+from daest.modelica.sites import find_site, sites
+from daest.systems.simulate import simulate
+
+MODEL = """
+package P
+  connector Oil
+    Real p(unit = "bar");
+    flow Real q(unit = "l/min");
+  end Oil;
+  connector Shaft
+    Real w(unit = "rad/s");
+    flow Real tau(unit = "N.m");
+  end Shaft;
+  model Hose
+    Oil port;
+    parameter Real C(unit = "l/bar") = 0.004;
+  equation
+    C*der(port.p) = port.q/60;
+  end Hose;
+  model Motor
+    Oil port;
+    Shaft shaft;
+    parameter Real D(unit = "l.min-1.s/rad") = 0.26;
+  equation
+    port.q = D*shaft.w;
+    shaft.tau = -0.44*port.p;
+  end Motor;
+  model Drum
+    Shaft shaft;
+    parameter Real J(unit = "kg.m2") = 0.7;
+    Real w(unit = "rad/s");
+  equation
+    w = shaft.w;
+    J*der(w) = shaft.tau - 0.5*w;
+  end Drum;
+  model Pump
+    Oil port;
+    input Real q(unit = "l/min");
+  equation
+    port.q = -q;
+  end Pump;
+  model Drive
+    input Real q(unit = "l/min");
+    output Real n(unit = "rad/s") = drum.w;
+    Pump pump;
+    Hose hose;
+    Motor motor;
+    Drum drum;
+  equation
+    pump.q = q;
+    connect(pump.port, hose.port);
+    connect(hose.port, motor.port);
+    connect(motor.shaft, drum.shaft);
+  end Drive;
+end P;
+"""
+
+
+LEAK = 3e-12  # m3/(s.Pa)
+LEAK_IN_UNITS = LEAK * 6e4 * 1e5  # l/min in a bar
+FLOW = 10.0  # l/min
+
+
+@pytest.fixture
+def path(tmp_path):
+    file = tmp_path / "P.mo"
+    file.write_text(MODEL)
+    return file
+
+
+def settled(flat):
+    """Speed of the drum, rad/s, long after the pump began."""
+    time = np.arange(0.0, 60.0, 0.1)
+    return simulate(flat, (time, np.full((time.size, 1), FLOW))).outputs[-1, 0]
+
+
+def expected(leak=0.0, load=0.0):
+    """FLOW = 0.26 w + leak p, 0.44 p = 0.5 w + load."""
+    return (FLOW - leak * load / 0.44) / (0.26 + leak * 0.5 / 0.44)
+
+
+def test_flow_in_other_units_is_that_of_the_law(path):
+    flat, leak = compile_model(path, "P.Drive"), find_effect("Hydraulic.Leak")
+    site = find_site(flat, "hose.port", leak)
+    assert site.kind == "node"
+    assert settled(flat) == pytest.approx(expected(), rel=1e-6)
+    attached = attach(flat, leak, site, values={"G": LEAK})
+    written = extend_model(path, "P.Drive", leak, site, values={"G": LEAK})
+    for model in (attached, written.flat):
+        assert settled(model) == pytest.approx(expected(LEAK_IN_UNITS), rel=1e-6)
+    assert abs(expected(LEAK_IN_UNITS) / expected() - 1) > 0.05
+    assert not [one for one in sites(flat) if one.kind == "connector"]
+
+
+def test_body_whose_connector_has_a_speed_is_a_place(path):
+    """Besides a leak, so that the load is not alone."""
+    flat, load = compile_model(path, "P.Drive"), find_effect("Rotational.ConstantLoad")
+    leaking = attach(flat, find_effect("Hydraulic.Leak"), find_site(flat, "hose.port"), values={"G": LEAK})
+    (site,) = [one for one in sites(leaking) if one.domain == "rotational"]
+    assert site.kind == "equation" and site.name.endswith(":drum.w")
+    attached = attach(leaking, load, find_site(leaking, "drum.w", load), values={"tau_0": 2.0})
+    assert settled(attached) == pytest.approx(expected(LEAK_IN_UNITS, 2.0), rel=1e-6)
+    with pytest.raises(ModelError, match="lies inside of the component `drum`"):
+        extend_model(path, "P.Drive", load, find_site(flat, "drum.w", load))
