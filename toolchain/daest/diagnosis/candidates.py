@@ -182,7 +182,13 @@ def attachable(
     found, others, whole = _told_apart(flat, tuple(ordered), ())
     names = {c.name for c in found}
     kept = tuple(c for c in possible if c.name in names)
-    return kept, (*refused, *others), whole or explicit_at_null(flat, kept)
+    if whole is None:
+        try:
+            whole = explicit_at_null(flat, kept)
+        except DaestError:
+            # An orifice may be solved behind others and not before them: the order that was tried.
+            kept, whole = found, explicit_at_null(flat, found)
+    return kept, (*refused, *others), whole
 
 
 def in_models(
