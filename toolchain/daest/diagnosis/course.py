@@ -231,10 +231,13 @@ class Course:
 
     def _with_storage(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with effects with states that a simulation shows, where no law is accepted and something
-        is left to explain, or the accepted one leaves most of it: what delays a sensor is play to some."""
+        is left to explain; beside a model that is not affine, whose lags no other stage simulates, also where
+        the accepted one leaves most of it: what delays a sensor is play to some."""
         found = self.screens[0]
-        if self._is_open(proofs) or self._leaves_most(proofs):
+        is_open = self._is_open(proofs)
+        if is_open:
             proofs += stages.proved(stages.storage(found, self.candidates, proofs), proofs)[0]
+        if is_open or self._leaves_most(proofs):
             proofs += stages.proved(stages.bent(found, self.candidates, proofs), proofs)[0]
         return proofs
 
