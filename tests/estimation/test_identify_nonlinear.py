@@ -157,6 +157,25 @@ def test_validation_tells_simulation_and_prediction_apart():
     assert simulated.fit_percent["angle"] > 80.0 and predicted.fit_percent["angle"] > 98.0
 
 
+def test_prediction_errors_fall_back_to_the_start_values_where_the_model_can_be_run(monkeypatch):
+    """Short fits of the hold may lead to where a parameter does nothing; the way back is to the start."""
+    seen = {}
+
+    def moved(problem, z, options):
+        seen["start"] = z
+        return problem, z + 1e-3
+
+    def checked(setup, problem, z, home):
+        seen["z"], seen["home"] = z, home
+        raise EstimationError("identify-no-start", "seen")
+
+    monkeypatch.setattr(identify_nonlinear_module, "with_hold", moved)
+    monkeypatch.setattr(identify_nonlinear_module, "_checked_start", checked)
+    with pytest.raises(EstimationError, match="seen"):
+        identified([record(300, 2, 2e-4)], "pem")
+    assert np.array_equal(seen["home"], seen["start"]) and not np.array_equal(seen["z"], seen["home"])
+
+
 def test_warm_start_ends_where_a_cold_one_does():
     experiments = [record(1200, 2, 2e-4)]
     cold = noisy_fit("pem")

@@ -160,8 +160,9 @@ def nonlinear_ends(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> Non
     setup, problem, home = nonlinear_start(explicit, setup)
     problem, z = with_hold(problem, home, setup.options)
     if setup.method == "pem" and setup.intensity.size and setup.options.shooting is None:
-        problem, z = leaning(problem, z)
-        home = z
+        leant, there = leaning(problem, z)
+        if leant is not problem:  # in scales of its own, and nothing runs at home
+            problem, z, home = leant, there, there
     z = _checked_start(setup, problem, z, home)
     ends = best_ends(setup, problem, z, home, tell)
     for _ in range(HOLD_ROUNDS if setup.options.max_iterations else 0):
