@@ -35,21 +35,39 @@ end Upright;
 J, D, PERIOD = 0.06, 0.03, 0.01
 
 
+def held(wanted, state, period, act, rates):
+    """Inputs (n,) with which a controller holds what it `wanted`, by `act` of a state and a goal, and the
+    states (n, 2) at their samples; `rates` are of a state under an input."""
+    inputs, states = [], []
+    for goal in wanted:
+        u = act(state, goal)
+        inputs.append(u)
+        states.append(state)
+        motion = solve_ivp(lambda _, x, u=u: rates(x, u), (0.0, period), state, rtol=1e-10, atol=1e-13)
+        state = motion.y[:, -1]
+    return np.array(inputs), np.array(states)
+
+
+def recorded(period, u, y, names):
+    return Experiment("held", period * np.arange(len(u)), u[:, None], y[:, None], (names[0],), (names[1],))
+
+
 def record(n: int = 800) -> Experiment:
     """Every ten samples the controller begins to hold another angle."""
-    rng, state, rows = np.random.default_rng(3), np.array([0.05, 0.0]), []
-    wanted = np.repeat(rng.uniform(-0.1, 0.1, n // 10), 10)
-    for goal in wanted:
-        angle = state[0] + 0.001 * rng.normal()
-        tau = -4.0 * (state[0] - goal) - 0.6 * state[1]
-        rows.append([tau, angle])
-        motion = solve_ivp(
-            lambda _, x, tau=tau: [x[1], (tau + 1.5 * np.sin(x[0]) - D * x[1]) / J],
-            (0.0, PERIOD), state, rtol=1e-9, atol=1e-12,
-        )  # fmt: skip
-        state = motion.y[:, -1]
-    tau, angle = np.array(rows).T
-    return Experiment("held", PERIOD * np.arange(n), tau[:, None], angle[:, None], ("tau",), ("angle",))
+    rng = np.random.default_rng(3)
+    tau, states = held(
+        np.repeat(rng.uniform(-0.1, 0.1, n // 10), 10),
+        np.array([0.05, 0.0]),
+        PERIOD,
+        lambda x, goal: -4.0 * (x[0] - goal) - 0.6 * x[1],
+        lambda x, u: [x[1], (u + 1.5 * np.sin(x[0]) - D * x[1]) / J],
+    )
+    return recorded(PERIOD, tau, states[:, 0] + 0.001 * rng.normal(size=n), ("tau", "angle"))
+
+
+def assert_white(run):
+    (observed,) = run.observed
+    assert whiteness_p_value(observed.whitened[:, 0], np.ones(len(observed.whitened), dtype=bool)) > 0.01
 
 
 def test_observer_is_that_of_the_machine_where_it_was_held_and_not_where_it_falls_to():
@@ -57,8 +75,7 @@ def test_observer_is_that_of_the_machine_where_it_was_held_and_not_where_it_fall
     run = run_null(begin(flat, *halved((record(),), ()), DiagnoseOptions(hold="zoh")).null)
     fastest = np.max(np.linalg.eigvals(run.average.A).real)
     assert abs(fastest / (np.sqrt(1.5 / J + (D / J / 2.0) ** 2) - D / J / 2.0) - 1.0) < 0.05
-    (observed,) = run.observed
-    assert whiteness_p_value(observed.whitened[:, 0], np.ones(len(observed.whitened), dtype=bool)) > 0.01
+    assert_white(run)
 
 
 MAGNET = """model Magnet
@@ -79,17 +96,15 @@ K, TICK = 2.1e-4, 0.002
 
 def ball(n: int = 800) -> Experiment:
     """The gap of a ball that a controller holds under a magnet, with noise of 0.01 mm."""
-    rng, state, rows = np.random.default_rng(5), np.array([0.009, 0.0]), []
-    for goal in np.repeat(rng.uniform(0.008, 0.010, n // 20), 20):
-        i = max(0.0, 0.009 * np.sqrt(0.35 * 9.81 / K) + 400.0 * (state[0] - goal) + 14.0 * state[1])
-        rows.append([i, 1e3 * state[0] + 0.01 * rng.normal()])
-        motion = solve_ivp(
-            lambda _, x, i=i: [x[1], 9.81 - K * (i / x[0]) ** 2 / 0.35],
-            (0.0, TICK), state, rtol=1e-10, atol=1e-13,
-        )  # fmt: skip
-        state = motion.y[:, -1]
-    i, gap = np.array(rows).T
-    return Experiment("ball", TICK * np.arange(n), i[:, None], gap[:, None], ("i",), ("gap",))
+    rng, rest = np.random.default_rng(5), 0.009 * np.sqrt(0.35 * 9.81 / K)
+    i, states = held(
+        np.repeat(rng.uniform(0.008, 0.010, n // 20), 20),
+        np.array([0.009, 0.0]),
+        TICK,
+        lambda x, goal: max(0.0, rest + 400.0 * (x[0] - goal) + 14.0 * x[1]),
+        lambda x, u: [x[1], 9.81 - K * (u / x[0]) ** 2 / 0.35],
+    )
+    return recorded(TICK, i, 1e3 * states[:, 0] + 0.01 * rng.normal(size=n), ("i", "gap"))
 
 
 def test_model_that_falls_into_a_singularity_is_led_by_the_record():
@@ -99,8 +114,7 @@ def test_model_that_falls_into_a_singularity_is_led_by_the_record():
         simulate(flat, (record.time, record.inputs), hold="zoh")
     null = begin(flat, *halved((record,), ()), DiagnoseOptions(hold="zoh")).null
     assert null.fit.theta["k"] == pytest.approx(K, rel=0.003)
-    (observed,) = run_null(null).observed
-    assert whiteness_p_value(observed.whitened[:, 0], np.ones(len(observed.whitened), dtype=bool)) > 0.01
+    assert_white(run_null(null))
 
 
 def test_sensor_of_a_ball_under_a_magnet_is_found_though_no_simulation_holds_it():

@@ -577,9 +577,14 @@ def signal_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Tr
         is_mirrored = one.is_of_signal and law[0] == own.effect.class_name
         if law in known or not (one.site == own.site or is_mirrored):
             continue
-        if not one.effect.n_states and not one.inputs and not entry.absorbed:
+        if _is_static(entry):
             found.setdefault(law, Trial(one, entry.sizes, ()))
     return tuple(found.values())
+
+
+def _is_static(entry: Screened) -> bool:
+    """Whether a law needs no state and no further signal, and the parameters do not do what it does."""
+    return not (entry.candidate.effect.n_states or entry.candidate.inputs or entry.absorbed)
 
 
 def plainer_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
@@ -594,9 +599,8 @@ def plainer_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[T
     for entry in screen.entries:
         one = entry.candidate
         is_plainer = one.site == own.site and one.n_unknowns < own.n_unknowns
-        is_static = not (one.effect.n_states or one.inputs or entry.absorbed)
         is_new = one.effect.class_name not in known and entry.p_value < GATES.screen_level
-        if is_plainer and is_static and is_new:
+        if is_plainer and is_new and _is_static(entry):
             found.setdefault(one.effect.class_name, Trial(one, entry.sizes, ()))
     return tuple(found.values())[:MOST_SIMPLER]
 

@@ -32,11 +32,6 @@ def clock_unit(flat: FlatModel) -> str:
     return _CLOCKS.get(round(told[0]), "s") if agree else "s"
 
 
-def seconds_in(clock: str) -> float:
-    """The seconds in a unit of `clock_unit`."""
-    return float(next((seconds for seconds, unit in _CLOCKS.items() if unit == clock), 1))
-
-
 def in_clock(unit: str, clock: str) -> str:
     """The unit of a time, or of a rate of a signal, of a law of seconds in a model that counts in `clock`.
 

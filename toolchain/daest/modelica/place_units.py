@@ -12,7 +12,7 @@ import numpy as np
 from daest.model.effects import Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
 from daest.modelica.balances import DOMAINS, Balance, balances, base_unit
-from daest.modelica.clock import clock_unit, in_clock, seconds_in
+from daest.modelica.clock import clock_unit, in_clock
 from daest.modelica.connectors import FLOWS, LEVEL, MASS_FLOW, connectors_of
 from daest.modelica.factors import ONE, Entry, are_same, divisors, factors, given_value, is_of_parameters
 from daest.modelica.other_units import SCALES, in_other_units, power_of
@@ -125,25 +125,25 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
 
     In other base units every quantity has another value. The factor must change as flow over rate does.
     """
-    domain = balance.domain(flat)
-    wanted = None if domain is None else dimensions(FLOWS[domain])
-    rate = dimensions(flat.unknowns[balance.variable].unit)
+    domain, variable = balance.domain(flat), flat.unknowns[balance.variable]
+    if domain is None:
+        return None
+    unit = FLOWS[domain]
+    wanted, rate = dimensions(unit), dimensions(variable.unit)
     if wanted is None or rate is None:
         return None
-    if domain is not None:
-        own = flat.unknowns[balance.variable].unit not in (*DOMAINS, LEVEL)
-        if own or _has_flow_of_other_scale(flat, balance, FLOWS[domain]):
-            return _slope_of_flow(flat, balance, FLOWS[domain])
+    if variable.unit not in (*DOMAINS, LEVEL) or _has_flow_of_other_scale(flat, balance, unit):
+        return _slope_of_flow(flat, balance, unit)
     need = {d: wanted.get(d, 0.0) - rate.get(d, 0.0) for d in {*wanted, *rate}}
     need["[time]"] = need.get("[time]", 0.0) + 1.0
     if _slope_has(flat, balance.row, balance.rate, need):
-        return ONE / _scale_of_terms(flat, balance, FLOWS[domain]) if domain else ONE
+        return ONE / _scale_of_terms(flat, balance, unit)
     for found in parts_divided_by(flat, balance.row):
         storages = [one for one in found if _slope_has(flat, balance.row, balance.rate, need, one)]
         if storages:
             is_one = all(are_same(flat, one, storages[0]) for one in storages)
             return 1.0 / storages[0] if is_one else None
-    return None if domain is None else _slope_of_flow(flat, balance, FLOWS[domain])
+    return _slope_of_flow(flat, balance, unit)
 
 
 def _scale_of_terms(flat: FlatModel, balance: Balance, unit: str) -> float:
@@ -158,7 +158,7 @@ def _scale_of_terms(flat: FlatModel, balance: Balance, unit: str) -> float:
     if has_number or any(ca.depends_on(row, symbol) for symbol, _ in _flows(flat, unit)):
         return 1.0
     size = abs(float(value([in_base_units(p.unit) for p in flat.parameters])))
-    return size * in_base_units(flat.unknowns[balance.variable].unit) / seconds_in(clock_unit(flat))
+    return size * in_base_units(flat.unknowns[balance.variable].unit) / in_base_units(clock_unit(flat))
 
 
 def _slope_of_flow(flat: FlatModel, balance: Balance, unit: str) -> ca.SX | None:
