@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden_plants import INERTIA, model, rotor_record
+from hidden_plants import INERTIA, NOISE, model, rotor_record
 
 from daest.diagnosis import examine as examine_module
 from daest.diagnosis import held_values as held_values_module
@@ -20,8 +20,9 @@ from daest.model.fit import FittedParameter
 
 
 @cache
-def stand_with(held):
-    """A rotor of known speed whose inertia is `held` (None: estimated) while its damping is estimated."""
+def stand_with(held, intensity=NOISE):
+    """A rotor of known speed whose inertia is `held` (None: estimated) while its damping is estimated, and on
+    which a white torque acts."""
     flat = model("SpeedRotor")
     if held is not None:
         flat = replace(
@@ -30,7 +31,7 @@ def stand_with(held):
                 replace(p, value=held, estimate=False) if p.name == "J" else p for p in flat.parameters
             ),
         )
-    record, truth = rotor_record(600, seed=5)
+    record, truth = rotor_record(600, seed=5, noise=intensity)
     noise = 0.02 * np.random.default_rng(5).standard_normal(600)
     speed = replace(record, outputs=(truth["w"] + noise)[:, None], output_names=("w",))
     return begin(flat, *halved((speed,), ()), DiagnoseOptions(hold="zoh"))
@@ -43,10 +44,17 @@ def test_an_inertia_that_was_looked_up_wrong_is_estimated():
     assert first.name == "J" and not first.alike and first.score > 5.0 and first.p_value < 1e-6
     found = other_value(stand, run)
     assert found is not None and found.held == 1.5 * INERTIA and found.delta_bic > 10.0
+    assert not found.is_all  # a white torque acts
     assert found.parameter.value == pytest.approx(INERTIA, abs=4.0 * found.parameter.std_error)
     assert found.text.startswith("`J`, 0.") and found.text.endswith(
         " instead of the 0.75 kg.m2 that is given"
     )
+
+
+def test_with_another_value_nothing_is_left_where_the_model_then_simulates_to_the_noise():
+    """An activation temperature of a reactor that was 17 % off had been "something dynamic, and fast"."""
+    stand = stand_with(1.5 * INERTIA, 0.0)
+    assert other_value(stand, run_null(stand.null)).is_all
 
 
 @pytest.mark.parametrize(("share", "is_seen"), [(0.018, True), (0.0005, False)])
@@ -184,6 +192,12 @@ def test_the_sentence_names_both_values(monkeypatch):
         stand, None, None, replace(decided, name="nothing missing"), DiagnoseOptions(), lambda _: None
     )
     assert none.name == "nothing missing" and said == ""
+    # Where nothing is left with it, it is the answer, also beside errors of a simulation that add up.
+    monkeypatch.setattr(examine_module, "other_value", lambda *_: replace(other, is_all=True))
+    found, said = _with_values(stand, None, None, decided, DiagnoseOptions(), lambda _: None)
+    assert found.name == "parameters off" and said == ""
+    assert found.message.endswith("no effect is missing: estimate it (--estimate R).")
+    monkeypatch.setattr(examine_module, "other_value", lambda *_: other)
     # Where errors of a simulation add up, that another value simulates better says little.
     adding = replace(stand, reference=replace(stand.reference, adds_up=True))
     assert _with_values(adding, None, None, decided, DiagnoseOptions(), lambda _: None) == (decided, "")

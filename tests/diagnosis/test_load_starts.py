@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from daest.diagnosis import load_starts, verdict
+from daest.diagnosis import load_starts, noise_level, verdict
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import fit_null
@@ -101,18 +101,18 @@ def test_simulation_that_rests_on_how_loads_begin(tmp_path: Path, lag: float) ->
 def test_simulation_that_rests_on_how_loads_begin_is_no_silence(
     monkeypatch: pytest.MonkeyPatch, rests: bool
 ) -> None:
-    monkeypatch.setattr(verdict, "rests_on_starts", lambda null, fit, without: rests)
+    monkeypatch.setattr(noise_level, "rests_on_starts", lambda null, fit, without: rests)
     with_loads, without = _simulated_to(0.28), _simulated_to(1.5)
     experiment = SimpleNamespace(outputs=np.zeros((400, 1)))
-    loads = SimpleNamespace(null=SimpleNamespace(experiments=[experiment]))
-    assert verdict._simulates_to_noise(SimpleNamespace(baseline=with_loads, told=without), loads) != rests
-    assert verdict._simulates_to_noise(SimpleNamespace(baseline=with_loads, told=with_loads), loads)
+    null = SimpleNamespace(experiments=[experiment])
+    assert noise_level.simulates_to_noise(null, with_loads, without) != rests
+    assert noise_level.simulates_to_noise(null, with_loads, with_loads)
 
 
 def _simulated_to(error: float) -> SimpleNamespace:
     """A fit that predicts to 0.28, and simulates to that error."""
     simulated, one_step = (
-        {data: SimpleNamespace(rms={"i": rms}) for data in verdict.RECORDED} for rms in (error, 0.28)
+        {data: SimpleNamespace(rms={"i": rms}) for data in noise_level.RECORDED} for rms in (error, 0.28)
     )
     return SimpleNamespace(simulated=simulated, one_step=one_step)
 

@@ -14,8 +14,9 @@ from daest.diagnosis.changing_values import ChangingValue
 from daest.diagnosis.coloured import Residual
 from daest.diagnosis.held_values import OtherValue
 from daest.diagnosis.holds import says_as_much
+from daest.diagnosis.noise_level import RECORDED
 from daest.diagnosis.reasons import unmoved
-from daest.diagnosis.verdict import AT_ONCE, MOVING, RECORDED, Evidence, Loads, beside_value, decide
+from daest.diagnosis.verdict import AT_ONCE, MOVING, Evidence, Loads, beside_value, decide
 from daest.model.diagnosis import Ahead, FreeForm, InUse, Load, PlaceGain, Proof, Screen, Screened, Unproved
 from daest.model.fit import Agreement, FittedParameter
 from daest.modelica.sites import sites
@@ -111,7 +112,7 @@ def test_law_is_no_claim_beside_a_given_value_of_which_another_says_as_much():
 def test_one_of_several_laws_beside_such_a_value_keeps_the_others():
     known = evidence(proofs=[proof(), proof("QuadraticDrag")])
     rate = FittedParameter("change_0.r", 1e-5, 1e-6, 0.1, "1/s", 0.0, None, None)
-    other = ChangingValue(rate, 0.0, 50.0, (0.1,), ("c",), "J", 3.0, 0.3)
+    other = ChangingValue(rate, 0.0, 50.0, (0.1,), ("c",), name="J", percent=3.0, error=0.3)
     found = beside_value(known, decide(known), known.proofs[0], other)
     assert found.name == "cannot tell" and "QuadraticDrag" in found.message
     change = (

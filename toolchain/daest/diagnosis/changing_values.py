@@ -73,6 +73,7 @@ def changing_value(
     time = null.experiments[0].time
     share = 100.0 * float(time[-1] - time[0])
     return ChangingValue(
-        found.parameter, found.held, found.delta_bic, found.ratios, tuple(rates[r] for r in found.alike),
-        rates[found.parameter.name], share * found.parameter.value, share * found.parameter.std_error,
+        found.parameter, found.held, found.delta_bic, found.ratios,
+        tuple(rates[r] for r in found.alike), found.is_all, rates[found.parameter.name],
+        share * found.parameter.value, share * found.parameter.std_error,
     )  # fmt: skip

@@ -244,6 +244,8 @@ def _with_values(
     advice = f"estimate it (--estimate {other.parameter.name})"
     law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
     if law is None:
+        if other.says_much and other.is_all:
+            return _by_value_alone(decided, other), ""
         near = f" Another value of {other.text}, comes near: {advice}."
         return decided, near if other.says_much and not adds_up else ""
     terms = (law, stand.baseline, stand.null, error_ratios(stand.told.simulated, law.told.simulated))
@@ -286,6 +288,16 @@ def _by_value(decided: verdicts.Decided, law: Proof, other: OtherValue) -> verdi
         f"{law.candidate.label}: estimate it (--estimate {other.parameter.name})."
     )
     return verdicts.Decided("parameters off", message, proofs=proofs)
+
+
+def _by_value_alone(decided: verdicts.Decided, other: OtherValue) -> verdicts.Decided:
+    """The verdict where no law is accepted, and none is missing with another given value."""
+    message = (
+        f"The data contradict a given value. With another one of {other.text}, the model simulates all "
+        f"recordings to their noise, and no effect is missing: estimate it (--estimate "
+        f"{other.parameter.name})."
+    )
+    return verdicts.Decided("parameters off", message, proofs=decided.proofs)
 
 
 def _said_of_inputs(null: Null, told: FitResult) -> str:

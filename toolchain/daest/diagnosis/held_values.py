@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.noise_level import is_at_noise
 from daest.diagnosis.null import Null, refit
 from daest.diagnosis.proof import bic_gain
 from daest.diagnosis.reasons import told_number
@@ -29,13 +30,14 @@ MOST_ALIKE = 3  # values that do the same, of which each is estimated
 class OtherValue:
     """A parameter that is held at the value `held`, as it was estimated: the gain in BIC over the null, and
     the errors of simulated unseen data to those of the model as it is. Other values of those `alike` do the
-    same."""
+    same. `is_all`: with it the model simulates all recordings to their noise."""
 
     parameter: FittedParameter
     held: float
     delta_bic: float
     ratios: tuple[float, ...]
     alike: tuple[str, ...] = ()
+    is_all: bool = False
 
     @property
     def answer(self) -> str:
@@ -132,7 +134,8 @@ def most_telling(stand: Stand, run: NullObserver, names: Sequence[str]) -> Other
     gain = fit.log_likelihood - stand.baseline.log_likelihood
     ratios = error_ratios(stand.told.simulated, after.fit.simulated)
     alike = tuple(other for other in (first.name, *first.alike) if other != name)
-    return OtherValue(told, held, bic_gain(gain, 1, null), tuple(ratios), alike)
+    is_all = is_at_noise(null, fit, after.fit)
+    return OtherValue(told, held, bic_gain(gain, 1, null), tuple(ratios), alike, is_all)
 
 
 def _likeliest(stand: Stand, names: Sequence[str]) -> tuple[str, FitResult] | None:

@@ -431,9 +431,11 @@ def _refitted(path: _Path, stand: Stand, remark: str) -> _Path:
 
 def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
     """The path with two effects of which none is accepted alone, but each beside the other; None where the
-    screen names no such pair, or the refits refuse it."""
+    screen names no such pair, the refits refuse it, or other values of the parameters do."""
     pairs = promising_pairs(diagnosis.screen)
-    if not pairs or task.options.is_over or len(path.steps) - len(task.first) + 2 > task.most_effects:
+    if diagnosis.verdict == "parameters off" or not pairs:
+        return None
+    if task.options.is_over or len(path.steps) - len(task.first) + 2 > task.most_effects:
         return None
     (one, other), jobs = pairs[0], task.options.jobs
     task.progress(f"refitting with {one.candidate.label} and {other.candidate.label} together")

@@ -11,7 +11,8 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.held_values import OtherValue
-from daest.diagnosis.load_starts import LoadStart, rests_on_starts, takes_over
+from daest.diagnosis.load_starts import LoadStart, takes_over
+from daest.diagnosis.noise_level import RECORDED, simulates_to_noise
 from daest.diagnosis.null import Null
 from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.screen import NullObserver, promising_pairs
@@ -36,7 +37,6 @@ WIDER_BAND = (
     "Excite the machine over a wider band of frequencies, and measure another quantity between input and "
     "output."
 )
-RECORDED = ("estimation", "validation")
 MOVING = (
     "Validate with data in which the machine moves: another share of the recording (--split), a part of it "
     "(--from, --to), or another recording."
@@ -104,7 +104,7 @@ class Loads:
 
     def is_silent(self, evidence: Evidence) -> bool:
         """Whether nothing is left to explain but how the recording begins."""
-        return _simulates_to_noise(evidence, self) or (
+        return simulates_to_noise(self.null, evidence.baseline, evidence.told) or (
             not self._is_unobserved
             and evidence.screen.p_value > GATES.missing_level
             and not self.is_related
@@ -609,50 +609,6 @@ def _not_proven(evidence: Evidence, near: list[Proof]) -> Decided:
         f"not prove what. {reasons}.",
         "Record longer and with larger amplitudes: the effect is small beside the noise and the loads of "
         "this record.",
-    )
-
-
-def _simulates_to_noise(evidence: Evidence, loads: Loads) -> bool:
-    """Whether the simulation is as good as the one-step prediction, on data it has not seen and on those of
-    the fit, which may show more: then nothing acts on the machine that the model does not know, whatever
-    small loads the likelihood likes to have. Not where it is that good only by how the loads begin."""
-    fit, told = evidence.baseline, evidence.told
-    noise = {data: _one_step_errors(fit, loads.null, data) for data in RECORDED}
-    if not all(noise.values()):
-        return False
-    if told is not None and _is_all_at_noise(told, noise):
-        return True
-    return _is_all_at_noise(fit, noise) and not (told is not None and rests_on_starts(loads.null, fit, told))
-
-
-def _one_step_errors(baseline: FitResult, null: Null, data: str) -> dict[str, float]:
-    """Of each output the one-step error on `data`; empty where there are none. It is at most that on the data
-    of the fit and what chance may add: an observer may take long to find the start of unseen data. On the
-    data of the fit that much is added: the loads were fitted to them."""
-    one_step = baseline.one_step
-    if data not in one_step:
-        return {}
-    fitted = one_step["estimation"].rms if "estimation" in one_step else {}
-    found: dict[str, float] = {}
-    for column, (name, unseen) in enumerate(one_step[data].rms.items()):
-        n = sum(int(np.isfinite(e.outputs[:, column]).sum()) for e in null.experiments)
-        own = fitted.get(name)
-        # The ratio of two rms values of n normal errors each has the standard deviation 1 / sqrt(n).
-        limit = np.inf if own is None or n == 0 else own * (1.0 + GATES.min_significance / np.sqrt(n))
-        if unseen is not None:
-            found[name] = float(limit if data == "estimation" else min(unseen, limit))
-    return found
-
-
-def _is_all_at_noise(fit: FitResult, noise: Mapping[str, Mapping[str, float]]) -> bool:
-    return all(_is_at_noise(fit, noise[data], data) for data in RECORDED)
-
-
-def _is_at_noise(fit: FitResult, noise: Mapping[str, float], data: str) -> bool:
-    simulated = fit.simulated.get(data)
-    return simulated is not None and all(
-        rms is not None and rms <= GATES.max_to_noise * noise.get(name, 0.0)
-        for name, rms in simulated.rms.items()
     )
 
 
