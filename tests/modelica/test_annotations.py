@@ -87,3 +87,20 @@ def test_wrong_annotation(compiled: Compile, declaration: str, what: str, remedy
     assert error.code == "model-annotation"
     assert what in error.what and remedy in error.remedy
     assert isinstance(error.where, Place) and error.where.line == 2
+
+
+def test_annotation_of_a_class_is_refused(compiled: Compile) -> None:
+    """It had been passed over, and nothing was estimated."""
+    with pytest.raises(ModelError) as caught:
+        compiled(
+            """model M
+              parameter Real k = 1;
+              Real x;
+            equation
+              der(x) = -k*x;
+              annotation(Icon(), __Daest(estimate = {k}));
+            end M;"""
+        )
+    error = caught.value
+    assert error.code == "model-annotation" and "at the class" in error.what
+    assert isinstance(error.where, Place) and error.where.line == 6

@@ -12,6 +12,7 @@ The compiler drops annotations, but tells where each declaration stands.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -300,6 +301,25 @@ class Annotation:
 
 
 NONE = Annotation()
+_AT_CLASS = re.compile(rb";\s*(annotation\s*\()")
+
+
+def refuse_marks_of_classes(file: str, source: bytes) -> None:
+    """Raise ModelError `model-annotation` for a `__Daest(...)` that stands at a class, behind no declaration:
+    nothing would read it. Those of classes of effects are read elsewhere."""
+    for match in _AT_CLASS.finditer(source) if b"__Daest" in source else ():
+        tail = _tail(source, match.start(1))
+        for one in arguments(tail, 1):
+            if [word.text for word in one[:2]] != ["__Daest", "("]:
+                continue
+            mark = _entries(one, file, source)
+            if "effect" not in mark.entries:
+                what = "it stands at the class, where it has no meaning"
+                raise mark.error(
+                    "",
+                    what,
+                    "Write it behind the parameter, input or output that it is about, before its `;`.",
+                )
 
 
 def annotation_of(file: str, source: bytes, declaration_end: int) -> Annotation:

@@ -10,7 +10,7 @@ from daest.modelica.events import Recorder, event_targets, has_events
 from daest.modelica.expressions import Evaluator
 from daest.modelica.functions import FunctionLibrary
 from daest.modelica.parameters import is_parameter, numeric_scope
-from daest.modelica.parse import NONE, Annotation, Role, annotation_of, check_keys
+from daest.modelica.parse import NONE, Annotation, Role, annotation_of, check_keys, refuse_marks_of_classes
 from daest.modelica.scope import ModelScope
 from daest.modelica.source import Sources
 
@@ -31,6 +31,8 @@ class Reading:
         self.discrete = frozenset(x.name for x in source.variables if x.is_discrete and not is_parameter(x))
         self.scope.shapes = self.numeric.shapes
         self.events = self._recorder() if has_events(source) else None
+        for file, text in source.texts.values():
+            refuse_marks_of_classes(file, text)
         self.annotations = {x.name: self._annotation(x) for x in source.variables}
 
     def _recorder(self) -> Recorder:
