@@ -83,8 +83,10 @@ def test_what_only_the_other_direction_tells(rotor):
     assert text.startswith("Within the recorded range of tau no input") and "tau from -1" in text
 
 
-@pytest.mark.parametrize(("unit", "low"), [("N.m", -470.0), ("degC", 320.0), ("mol/m3", 320.0), ("", -470.0)])
-def test_temperature_that_is_asked_for_has_no_other_direction(unit, low):
+@pytest.mark.parametrize(
+    ("unit", "low"), [("N.m", -470.0), ("degC", 320.0), ("mol/m3", 320.0), ("", -470.0), ("1", 320.0)]
+)
+def test_temperature_or_share_that_is_asked_for_has_no_other_direction(unit, low):
     one = _both_ways(Range("u", unit, 320.0, 470.0, np.inf))
     assert (one.low, one.high) == (low, 470.0)
 

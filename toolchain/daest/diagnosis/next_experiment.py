@@ -69,8 +69,10 @@ def computed(asked: Asked, otherwise: str) -> str:
 
 def _both_ways(one: Range, least: float | None = None, most: float | None = None) -> Range:
     """The range in both directions of zero, for a quantity that has them, within the `least` and `most` that
-    the model declares."""
-    if any(is_of(one.unit, unit) for unit in ONE_SIDED):
+    the model declares. A share or a ratio of which no negative value was recorded may have none: an opening,
+    a gear."""
+    is_share = one.unit == "1" and one.low >= 0.0
+    if is_share or any(is_of(one.unit, unit) for unit in ONE_SIDED):
         return one
     largest = max(abs(one.low), abs(one.high))
     low = -largest if least is None else max(least, -largest)
