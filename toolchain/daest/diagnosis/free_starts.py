@@ -187,8 +187,10 @@ def _searched_start(
             continue
         is_there = value > (1.0 - GATES.unseen_start_progress) * best.error
         slopes = root @ np.where(seen[:, :, None], run.sensitivities[:, :, free], 0.0)
-        best = _Start(best.state + step, value, _share_at_end(slopes))
-        if is_there:
+        # A root at zero, or a law that has run away, has a value and no slope.
+        has_slopes = bool(np.all(np.isfinite(slopes)))
+        best = _Start(best.state + step, value, _share_at_end(slopes) if has_slopes else 0.0)
+        if is_there or not has_slopes:
             break
         step = np.zeros(begin.size)
         step[free] = np.linalg.lstsq(slopes.reshape(error.size, -1), error.ravel(), rcond=1e-8)[0]

@@ -9,6 +9,7 @@ import numpy as np
 
 from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns, objective, parameter_scale
+from daest.estimation.delay_starts import shapes_of_past
 from daest.estimation.gain_family import LONGEST_LOG
 from daest.estimation.gates import FIT
 from daest.estimation.hold_search import are_steps, moving_inputs, possible_holds, ranked_holds
@@ -270,14 +271,29 @@ def begun_best(
     `is_near`, the first samples are fitted before.
 
     A recording that begins far from where the inputs alone would lead, or states that the outputs hardly see,
-    would take hundreds of steps in the sizes that a simulation from rest shows. Shapes: z, lower and upper
+    would take hundreds of steps in the sizes that a simulation from rest shows. The shape of what a short
+    delay holds is hardly seen, and in a size that is seen it is far beyond what the slopes of a law behind it
+    tell: a search that sticks there begins anew with these shapes at rest. Shapes: z, lower and upper
     (n_z,)."""
     grown = np.maximum(_scale_by_outputs(problem, z), 1.0)
     z = z / np.tile(grown, len(problem.experiments))
     problem = replace(problem, state_scale=problem.state_scale * grown)
-    if not is_near:
-        z = fit_initial_states(problem, z, lower, upper, FIT.agreement_gain)
-    return problem, minimise(objective(problem), z, lower, upper, iterations, FIT.agreement_gain)
+    likelihood = objective(problem)
+
+    def ended(begun: np.ndarray, low: np.ndarray, high: np.ndarray) -> Found | None:
+        near = begun if is_near else fit_initial_states(problem, begun, low, high, FIT.agreement_gain)
+        return minimise(likelihood, near, low, high, iterations, FIT.agreement_gain)
+
+    ends = [ended(z, lower, upper)]
+    shapes = np.tile(shapes_of_past(problem.model.explicit.state_names), len(problem.experiments))
+    is_there = ends[0] is not None and ends[0].reason == "converged"
+    if not is_there and np.any(shapes & (lower < upper)):
+        resting = ended(*(np.where(shapes, 0.0, part) for part in (z, lower, upper)))
+        ends.append(resting)
+        if resting is not None:
+            ends.append(minimise(likelihood, resting.z, lower, upper, iterations, FIT.agreement_gain))
+    found = [end for end in ends if end is not None]
+    return problem, min(found, key=lambda end: end.evaluation.value, default=None)
 
 
 def limits(problem: TrajectoryProblem) -> tuple[np.ndarray, np.ndarray]:
