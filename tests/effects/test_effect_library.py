@@ -30,7 +30,7 @@ MECHANICAL = frozenset(
     (
         *("CoulombFriction", "ViscousFriction", "StribeckFriction", "AsymmetricFriction", "LuGreFriction"),
         *("LoadDependentFriction", "QuadraticDrag", "ConstantLoad", "AsymmetricDamper"),
-        *("HardeningSpring", "HystereticSpring", "Backlash", "ExtraCompliance", "EndStop"),
+        *("HardeningSpring", "HystereticSpring", "BoucWenSpring", "Backlash", "ExtraCompliance", "EndStop"),
         *("FlexibleAppendage", "CubicSpring", "ReturnSpring"),
     )
 )
@@ -126,7 +126,7 @@ def test_models_are_open_by_their_connectors_alone(effect) -> None:
 def test_states_and_dynamics() -> None:
     found = {effect.class_name.removeprefix("Daest.Effects."): effect for effect in EFFECTS}
     states = {name: effect.n_states for name, effect in found.items() if effect.n_states}
-    one = ["LuGreFriction", "HystereticSpring"]
+    one = ["LuGreFriction", "HystereticSpring", "BoucWenSpring"]
     expected = {f"{domain}.{name}": 1 for domain in ("Rotational", "Translational") for name in one}
     expected |= dict.fromkeys(("Electrical.Inductance", "Electrical.SaturatingInductance", "Signals.Lag"), 1)
     expected |= {"Electrical.TemperatureDependentResistance": 1, "Signals.Delay": 10}

@@ -65,6 +65,7 @@ MECHANICAL: dict[str, Law] = {
     "DraggedMass": lambda v: v["m"] * v["r"] / v["T"],
     "LuGreFriction": lambda v: -v["tau_c"] * v["z"],
     "HystereticSpring": lambda v: v["tau_h"] * v["z"],
+    "BoucWenSpring": lambda v: v["tau_h"] * v["z"],
 }
 OTHERS: dict[str, tuple[str, Law]] = {
     "Unbalance": ("tau", lambda v: -v["mgr"] * np.sin(v["phi"] + v["phi_0"])),

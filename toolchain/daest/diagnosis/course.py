@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from math import inf
 
 from daest.diagnosis import verdict as verdicts
+from daest.diagnosis.dead_times import DELAY
 from daest.diagnosis.disturbance import SmoothedLoad
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.late_signals import late_signals
@@ -37,9 +38,11 @@ from daest.diagnosis.rivals import (
     reduced_laws,
     richer_laws,
     rounded,
+    shortest_lag,
     signal_laws,
     simpler_laws,
     simplest_first,
+    told_apart,
     with_held_shapes,
 )
 from daest.diagnosis.search import Search
@@ -101,6 +104,7 @@ class Course:
         proofs = self._with_simpler_laws(stages, proofs)
         proofs = self._with_other_forms(stages, proofs)
         proofs = self._with_storage(stages, proofs)
+        proofs = self._with_lag_told_apart(stages, proofs)
         proofs = stages.shown_in_use(proofs)
         proofs = self._with_leaders_in_use(stages, proofs)
         proofs = stages.steadied(proofs)
@@ -240,6 +244,20 @@ class Course:
         if is_open or self._leaves_most(proofs):
             proofs += stages.proved(stages.bent(found, self.candidates, proofs), proofs)[0]
         return proofs
+
+    def _with_lag_told_apart(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
+        """All laws; a lag that is short beside the model is one all the same where the recordings tell its
+        form: a dead time at its signal is far less likely. To second order in frequency a lag is
+        1/(1 + s T + b s² T²) with b = 0, a dead time with b = 1/2, a flexible part with more than 1/4."""
+        lag = shortest_lag(proofs)
+        if lag is None or best_accepted(ranked(proofs)) is not None or self.options.is_over:
+            return proofs
+        late = [c for c in self.candidates if c.effect.class_name == DELAY and c.site == lag.candidate.site]
+        known = [p for p in proofs if p.candidate.name in {c.name for c in late}]
+        size = lag.fit.theta[f"{lag.candidate.name}.{lag.candidate.effect.sizes[0].name}"]
+        more = [] if known else stages.proved(stages.prepared([Trial(c, (size,), ()) for c in late]), ())[0]
+        told = told_apart(lag, [*known, *more])
+        return [*(told if p is lag else p for p in proofs), *more]
 
     def _with_leaders_in_use(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with those that lead the screen in open loop and that a simulation shows, where nothing

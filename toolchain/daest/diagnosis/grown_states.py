@@ -4,12 +4,12 @@ The grown model may choose other states among variables that are proportional to
 gear, say). An effect that asks for an angle where the model has only a speed brings it along as a state: the
 integral of that speed, from zero. An effect may also have states of its own (the deflection of bristles, the
 place on a loop): at size zero they follow the model and act on nothing, so that they can be known along its
-motion, too, where their rates are linear in them.
+motion, too, where their rates are linear in them, or where each moves itself alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, cast
@@ -25,6 +25,7 @@ from daest.numerics.evaluator import along
 from daest.numerics.recursions import linear_recursion
 from daest.systems.initialize import begun_beside
 
+LARGEST_GROWTH = 30.0  # of a state over a sample, by a factor e
 STEP_DECIMALS = 9  # of a step in the usual one, to which steps are the same
 Inputs = tuple[np.ndarray, np.ndarray]  # u (n_u, n_samples) and v (n_v, n_samples)
 
@@ -59,7 +60,7 @@ def with_integrals(
 ) -> np.ndarray:
     """`states` (n_samples, n) with the integrals of their rates, from where initial equations ask for, else
     from zero, in the columns `rows`, as `brought_rows` tells them: each rate is a + b x in its own state x,
-    or a + B x with a constant B among states that move each other."""
+    any function of that, or a + B x with a constant B among states that move each other."""
     if not rows:
         return states
     result = states.copy()
@@ -72,7 +73,13 @@ def with_integrals(
     columns = [result, *(part.T for part in inputs), w, time[:, None]]
     a, b = (np.ascontiguousarray(part.T) for part in along(law, columns))
     alone, together = _apart(slopes)
-    result[:, [rows[i] for i in alone]] = _integrals(time, a[alone], b[alone], starts[alone])
+    bent = _bent(arguments, slopes, rows)
+    straight = [i for i in alone if i not in bent]
+    result[:, [rows[i] for i in straight]] = _integrals(time, a[straight], b[straight], starts[straight])
+    if bent:
+        chosen = [rows[i] for i in bent]
+        own = ca.Function("own", arguments, [rates[bent], ca.diag(slopes)[bent]])
+        result[:, chosen] = _bent_motion(own, chosen, columns, starts[bent])
     if together:
         among = ca.Function("among", arguments, [slopes[together, together]])
         B = np.array(among(*(np.zeros(argument.numel()) for argument in arguments)))
@@ -96,6 +103,30 @@ def _integrals(time: np.ndarray, a: np.ndarray, b: np.ndarray, starts: np.ndarra
     return x
 
 
+def _bent_motion(
+    law: ca.Function, rows: Sequence[int], columns: Sequence[np.ndarray], starts: np.ndarray
+) -> np.ndarray:
+    """The states `rows` (n_samples, n) from `starts` (n,), of which the `law` tells rates and own slopes,
+    each (n,), beside the other arguments, `columns` (n_samples, n_argument): over an interval as straight as
+    at its start, with what moves them as in its middle (exponential Rosenbrock-Euler method)."""
+    steps = np.diff(columns[-1], axis=0).T
+    middles = [
+        0.5 * (part[1:] + part[:-1]).T if part.ndim == 2 else np.repeat(part[:, None], steps.size, axis=1)
+        for part in columns
+    ]
+    x = ca.MX.sym("x", len(rows))
+    given = [ca.MX.sym("given", law.numel_in(i)) for i in range(law.n_in())]
+    step, state = ca.MX.sym("step"), ca.MX(given[0])
+    state[list(rows)] = x
+    rate, slope = law(state, *given[1:])
+    grows = ca.fmin(step * slope, LARGEST_GROWTH)
+    flat = ca.fabs(grows) < np.sqrt(np.finfo(float).eps)
+    share = ca.if_else(flat, 1.0, (ca.exp(grows) - 1.0) / ca.if_else(flat, 1.0, grows))
+    over = ca.Function("over", [x, step, *given], [x + step * share * rate])
+    after = over.mapaccum(steps.size)(starts, steps, *middles)
+    return np.vstack([starts, np.array(after).T])
+
+
 def _linear_motion(time: np.ndarray, a: np.ndarray, B: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """x (n_samples, n) of x' = a + B x from `starts` (n,), with a (n, n_samples) and B (n, n); exact where a
     is constant over an interval."""
@@ -114,20 +145,25 @@ def _linear_motion(time: np.ndarray, a: np.ndarray, B: np.ndarray, starts: np.nd
 
 
 def brought_rows(explicit: ExplicitModel, known: Collection[str]) -> list[int]:
-    """Rows of the states without a `known` name, where their rates are linear in them, and those that move
-    each other do so by constants; else none. All at the parameters of the model: an effect of size zero moves
-    nothing."""
+    """Rows of the states without a `known` name, where each moves itself alone, or their rates are linear in
+    them and those that move each other do so by constants; else none. All at the parameters of the model: an
+    effect of size zero moves nothing."""
     new = [i for i, name in enumerate(explicit.state_names) if name not in known]
     if not new:
         return []
     arguments, _, slopes = _rates_among(explicit, new)
-    bent_by = ca.which_depends(ca.vec(slopes), arguments[0], 1, False)
-    if any(bent_by[i] for i in new):
+    alone, together = _apart(slopes)
+    if not set(_bent(arguments, slopes, new)) <= set(alone):
         return []
-    _, together = _apart(slopes)
     among = ca.vec(slopes[together, together])
     is_constant = not together or not any(ca.which_depends(among, ca.vertcat(*arguments), 1, True))
     return new if is_constant else []
+
+
+def _bent(arguments: list[Any], slopes: Any, rows: Sequence[int]) -> list[int]:
+    """Places in the states `rows` of those over which slopes change: rates are not linear in them."""
+    bent_by = ca.which_depends(ca.vec(slopes), arguments[0], 1, False)
+    return [i for i, row in enumerate(rows) if bent_by[row]]
 
 
 def _apart(slopes: Any) -> tuple[list[int], list[int]]:

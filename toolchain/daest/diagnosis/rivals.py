@@ -20,6 +20,7 @@ import numpy as np
 from daest.diagnosis.candidates import with_shapes
 from daest.diagnosis.dead_times import DELAY, SHIFTS, best_shift
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.late_signals import LAG
 from daest.diagnosis.null import Null, period_of
 from daest.diagnosis.proof import bic_gain
 from daest.diagnosis.reasons import unseen_scales
@@ -507,6 +508,26 @@ def richer_laws(
             scored[candidate.effect.class_name] = (value, replace(prepared, useless=useless))
     order = sorted(scored.values(), key=lambda pair: pair[0])
     return tuple(prepared for _, prepared in order[:MOST_RICHER])
+
+
+def shortest_lag(proofs: Sequence[Proof]) -> Proof | None:
+    """The lag that is refused for nothing but that it is short beside the model, where it is the likeliest of
+    all such; None where there is none."""
+    short = [p for p in proofs if p.is_any_dynamics]
+    best = max(short, key=lambda p: p.delta_bic, default=None)
+    if best is None or best.candidate.effect.class_name != LAG:
+        return None
+    others = [p.delta_bic for p in short if p is not best and p.candidate.site != best.candidate.site]
+    return best if best.delta_bic >= max(others, default=0.0) + GATES.min_bic_gain else None
+
+
+def told_apart(lag: Proof, dead_times: Sequence[Proof]) -> Proof:
+    """The `lag`, accepted where the likeliest of the `dead_times` at its signal is far from it; as it is
+    where none could be refitted."""
+    likeliest = max((p.fit.log_likelihood for p in dead_times), default=np.inf)
+    if lag.fit.log_likelihood - likeliest < GATES.min_told_lag:
+        return lag
+    return replace(lag, verdict="supported", reason="", is_any_dynamics=False)
 
 
 def simplest_first(chosen: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:

@@ -1,0 +1,69 @@
+"""Lags that are short beside the model: named where the recordings tell their form."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from test_load_starts import _diagnosed, _warmed
+
+from daest.diagnosis.dead_times import DELAY
+from daest.diagnosis.late_signals import LAG
+from daest.diagnosis.rivals import shortest_lag, told_apart
+
+
+def test_short_lag_is_named_where_no_dead_time_comes_near(tmp_path: Path) -> None:
+    """A thermometer 25 s late, in a tank of four minutes, had been "something dynamic, and fast"."""
+    found = _diagnosed(tmp_path, _warmed(40.0, [2.0, 0.5, 3.0, 1.0], 300), "Lag", "Delay", "HeatLoss")
+    law = found.proofs[0]
+    assert found.verdict == "supported" and law.candidate.label == "Lag at P"
+    (told,) = [p for p in law.told.parameters if p.name == f"{law.candidate.name}.T"]
+    assert told.value == pytest.approx(40.0, abs=4.0 * told.std_error)
+
+
+@dataclass(frozen=True)
+class Refused:
+    """What is asked of a proof here, of a lag or a dead time that is short beside the model."""
+
+    law: str
+    place: str
+    log_likelihood: float
+    is_any_dynamics: bool = True
+    verdict: str = "rejected"
+    reason: str = "it is short"
+
+    @property
+    def candidate(self) -> SimpleNamespace:
+        return SimpleNamespace(effect=SimpleNamespace(class_name=self.law), site=self.place)
+
+    @property
+    def fit(self) -> SimpleNamespace:
+        return SimpleNamespace(log_likelihood=self.log_likelihood)
+
+    @property
+    def delta_bic(self) -> float:
+        return 2.0 * self.log_likelihood
+
+
+@pytest.mark.parametrize(
+    ("others", "is_asked"),
+    [
+        ((), True),
+        ((Refused(DELAY, "y", 95.0),), True),  # of the same signal: asked in any case
+        ((Refused(LAG, "u", 98.0),), False),  # as likely at another signal
+        ((Refused(DELAY, "y", 105.0),), False),  # likelier
+        ((Refused(LAG, "u", 105.0, is_any_dynamics=False),), True),
+    ],
+)
+def test_the_likeliest_of_short_lags_is_asked_for(others, is_asked):
+    lag = Refused(LAG, "y", 100.0)
+    assert (shortest_lag([*others, lag]) is lag) == is_asked
+
+
+@pytest.mark.parametrize(("dead_times", "is_told"), [((40.0, -3.0), True), ((60.0,), False), ((), False)])
+def test_a_lag_is_told_where_dead_times_are_far_from_it(dead_times, is_told):
+    lag = Refused(LAG, "y", 100.0)
+    found = told_apart(lag, [Refused(DELAY, "y", gain) for gain in dead_times])
+    assert (found.verdict, found.reason == "", found.is_any_dynamics) == (
+        ("supported", True, False) if is_told else ("rejected", False, True)
+    )
