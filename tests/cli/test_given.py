@@ -107,3 +107,28 @@ def test_later_commands_take_their_files_alike(folder, daest):
 
 def test_names_with_commas_are_several():
     assert listed_names(("k, T", "gear.ratio", "a[1,2],b")) == ("k", "T", "gear.ratio", "a[1,2]", "b")
+
+
+HOURS = """
+model Store
+  parameter Real C(unit = "kW.h/K") = 2;
+  parameter Real G(unit = "kW/K") = 1;
+  input Real P(unit = "kW");
+  output Real T(unit = "K");
+equation
+  C*der(T) = P - G*T;
+end Store;
+"""
+
+
+@pytest.mark.parametrize(("time", "warns"), [("time", False), ("time [h]", True)])
+def test_commands_that_fit_and_compare_tell_a_clock_that_is_not_that_of_the_model(
+    tmp_path, monkeypatch, daest, time, warns
+):
+    monkeypatch.chdir(tmp_path)
+    Path("Store.mo").write_text(HOURS)
+    rows = (f"{k / 10},{k % 7},{k % 5}" for k in range(60))
+    Path("run.csv").write_text("\n".join((f"{time},P [kW],T [K]", *rows)) + "\n")
+    for command in (("compare",), ("identify", "--estimate", "C")):
+        _, _, err = daest(*command, "Store.mo", "run.csv")
+        assert ("check-model-clock" in err) == warns, err

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from cart_data import CART, TRUE, recording, write_recording
 
+from daest.cli.improve import _compare
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
 from daest.systems.simulate import simulate
@@ -236,3 +237,11 @@ def test_slow_laws_that_an_observer_hides(
     steps = json.loads(out)["steps"]
     assert named <= {step["added"] for step in steps}
     assert steps[-1]["rms"]["validation"][output] < most
+
+
+@pytest.mark.parametrize("error, expected", [(None, 0.5), (0.5, None), (None, None)])
+def test_an_error_of_a_step_that_is_unknown_is_told_as_that(capsys, error, expected):
+    """A simulation that has run away from the machine has none."""
+    _compare(2, {"model_rms": {"phi": error}, "rms": {"validation": {"phi": expected}}})
+    said = capsys.readouterr().err
+    assert "step 2" in said and "unknown" in said and ("0.5" in said) == (error != expected)

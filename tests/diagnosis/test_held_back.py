@@ -139,7 +139,9 @@ def test_radiation_is_found_behind_a_slow_thermocouple():
 def test_lag_is_looked_beside_where_it_leaves_errors_far_above_the_noise(error, is_looked_beside):
     lag = SimpleNamespace(
         verdict="rejected",
-        candidate=SimpleNamespace(is_dynamic=True, is_of_signal=True, effect=SimpleNamespace(n_states=1)),
+        candidate=SimpleNamespace(
+            label="Lag at T", is_dynamic=True, is_of_signal=True, effect=SimpleNamespace(n_states=1)
+        ),
         delta_bic=400.0,
         left=SimpleNamespace(p_value=0.5, log_likelihood_gain=1.0),
         fit=SimpleNamespace(noises=[FittedNoise("T", "measurement", 0.05, None, "degC", True, None)]),
@@ -150,6 +152,20 @@ def test_lag_is_looked_beside_where_it_leaves_errors_far_above_the_noise(error, 
     far = SimpleNamespace(simulated={"validation": Agreement({"T": None}, {"T": 1.4})})
     less = SimpleNamespace(**{**vars(lag), "delta_bic": 50.0, "told": far})
     assert (less in lags_in_the_way(SimpleNamespace(proofs=(lag, less)))) == is_looked_beside
+    # A law that explains far less than the lag does not stand in its way; any other that is accepted does.
+    law = SimpleNamespace(
+        verdict="not separable",
+        candidate=SimpleNamespace(is_dynamic=False, is_of_signal=False),
+        delta_bic=150.0,
+        is_by_use=False,
+        is_known=True,
+        told=lag.told,
+        not_separable_from=("Lag at T",),
+    )
+    found = SimpleNamespace(proofs=(law, lag), baseline=lag.told)
+    assert (lag in lags_in_the_way(found)) == is_looked_beside
+    law.not_separable_from = ("Lag at P",)
+    assert lags_in_the_way(found) == []
 
 
 def test_no_second_lag_beside_one_that_has_let_no_law_in(monkeypatch):

@@ -7,10 +7,13 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from hidden_plants import model, some_effects
 
 import daest
 from daest.diagnosis import reasons
-from daest.diagnosis.candidates import most_likely_length, most_likely_periods
+from daest.diagnosis.candidates import most_likely_length, most_likely_periods, pairs, with_shapes
+from daest.modelica.sites import sites
+from daest.systems.reduce import reduce_index
 
 
 @pytest.mark.parametrize("n", [2, 7, 20, 36])
@@ -21,6 +24,39 @@ def test_periods_are_found_under_noise(n: int) -> None:
     assert most_likely_periods(angle, noise) == n
 
 
+@pytest.mark.parametrize("n", [9, 60, 180, 400])
+def test_periods_are_found_within_a_part_of_a_turn(n: int) -> None:
+    angle = 12.0 / n * np.sin(np.arange(2000) / 150.0) + 4.0 / n * np.sin(np.arange(2000) / 61.0)
+    noise = np.random.default_rng(n).standard_normal((2000, 2))
+    noise[:, 1] += 0.5 * np.sin(n * angle + 0.4)
+    found = most_likely_periods(angle, noise)
+    # Within a quarter of a period over the whole way, from where a fit comes to it.
+    assert found is not None and abs(found - n) * np.ptp(angle) < 0.26 * 2.0 * np.pi
+
+
+@pytest.mark.parametrize(("part", "is_fitted"), [(0.3, True), (4.0, False)])
+def test_the_number_of_periods_is_fitted_where_no_whole_turn_tells_it(part: float, is_fitted: bool) -> None:
+    flat, n = model("BareRotor"), 30
+    time = np.arange(2000) / 100.0
+    angle = part * np.sin(time) + 0.3 * part * np.sin(2.7 * time)
+    states = {
+        name: angle if name.endswith("phi") else np.zeros(2000) for name in reduce_index(flat).state_names
+    }
+    noise = np.random.default_rng(n).standard_normal((2000, 1))
+    noise[:, 0] += np.sin(n * angle + 0.4)
+    shaped, _ = with_shapes(
+        flat,
+        pairs(some_effects("CoggingTorque"), sites(flat)),
+        time,
+        states,
+        np.zeros((2000, len(flat.inputs))),
+        noise,
+    )
+    found = {c.shape["n"]: f"{c.name}.n" in c.estimated for c in shaped if c.shape["n"] > 12}
+    assert set(found.values()) == {is_fitted}
+    assert all(abs(number - n) * np.ptp(angle) < 0.26 * 2.0 * np.pi for number in found)
+
+
 def test_one_period_in_a_turn_is_a_weight_and_none_of_them() -> None:
     angle = np.linspace(0.0, 40.0, 2000)
     torque = np.sin(angle + 0.4)[:, None] + 0.1 * np.sin(5 * angle)[:, None]
@@ -29,7 +65,7 @@ def test_one_period_in_a_turn_is_a_weight_and_none_of_them() -> None:
 
 def test_motion_that_resolves_no_period_tells_none() -> None:
     white = np.random.default_rng(0).standard_normal((500, 1))
-    assert most_likely_periods(np.linspace(0.0, 3.0, 500), white) is None
+    assert most_likely_periods(np.zeros(500), white) is None
     assert most_likely_periods(np.linspace(0.0, 2000.0, 500), white) is None
 
 

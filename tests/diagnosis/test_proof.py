@@ -1099,6 +1099,13 @@ def test_the_stop_that_is_never_reached_is_told_as_that():
     assert "phi_max = 0.22" in said and said.endswith("phi_min not reached")
 
 
+def test_how_often_a_law_repeats_is_told_where_it_was_counted():
+    _, proof = proved()
+    cogging = next(e for e in library() if e.name == "CoggingTorque")
+    counted = replace(proof.candidate, effect=cogging, shape={"n": 18.0})
+    assert told_values(replace(proof, candidate=counted)).endswith("n = 18")
+
+
 def test_parameter_that_is_lost_beside_loads_is_found_again():
     prepared, proof = proved()
     assert proof.final is not None and from_simulation(prepared, proof) is None

@@ -394,6 +394,27 @@ def test_a_record_takes_the_value_that_it_is_given(model: str, expected: dict[st
     assert_after_a_second(RECORDS.replace("MODEL", model), expected)
 
 
+@pytest.mark.parametrize("given", ["(each d = 3, J = {1, 2})", " = {Wheel(1, 3), Wheel(2, 3)}"])
+def test_a_loop_reads_an_array_of_records_that_is_a_parameter(given: str) -> None:
+    source = f"""
+package P
+  model M
+  record Wheel
+    parameter Real J = 9;
+    parameter Real d = 9;
+  end Wheel;
+  parameter Wheel wheel[2]{given};
+  Real y[2](start = {{0, 0}}, each fixed = true);
+equation
+  for i in 1:2 loop
+    wheel[i].J*der(y[i]) = wheel[i].d;
+  end for;
+  end M;
+end P;
+"""
+    assert_after_a_second(source, {"y[1]": 3.0, "y[2]": 1.5})
+
+
 @pytest.mark.parametrize(
     ("model", "expected"),
     [

@@ -219,7 +219,8 @@ def _compare(number: int, step: dict[str, Any]) -> None:
     for name, error in (step["model_rms"] or {}).items():
         expected = step["rms"]["validation"].get(name)
         if error is None or expected is None or abs(error - expected) > CLOSE * expected:
-            note(f"the model of step {number} has the error {error:.4g} of {name}, the fit {expected:.4g}")
+            of_file, of_fit = (f"{one:.4g}" if one is not None else "unknown" for one in (error, expected))
+            note(f"the model of step {number} has the error {of_file} of {name}, the fit {of_fit}")
 
 
 def _files(models: dict[int, Written], found: Improvement) -> dict[int, str]:

@@ -11,13 +11,22 @@ from daest.cli.options import DataOptions
 from daest.cli.output import note, warn
 from daest.data.check import check_experiment
 from daest.data.contradictions import model_findings
+from daest.data.match import clock_findings
 from daest.data.prepare import Preparation, prepare, split_all
 from daest.data.project import Project
-from daest.data.read import Signal, measured_names, read_experiments, select_outputs
+from daest.data.read import (
+    Signal,
+    measured_names,
+    read_experiments,
+    read_table,
+    select_outputs,
+    with_units,
+)
 from daest.errors import ConfigError
 from daest.model.experiment import Experiment
-from daest.model.flat import Model
+from daest.model.flat import FlatModel, Model
 from daest.modelica.change import with_outputs
+from daest.modelica.clock import clock_unit
 
 
 def training_data(
@@ -100,6 +109,7 @@ def _read(
     experiments = []
     read = read_experiments(paths, *signals(flat, project), raw, others=others, **words_of(project))
     measured = measured_names(read)  # what no recording holds is told once, for all of them
+    _warn_of_clock(flat, project, paths)
     for experiment in read:
         for finding in check_experiment(select_outputs(experiment, measured)).warnings:
             warn(finding.code, f"{experiment.name}: {finding.sentence}")
@@ -108,6 +118,16 @@ def _read(
             note(f"{experiment.name}: {remark}")
         experiments.append(prepared)
     return experiments
+
+
+def _warn_of_clock(flat: Model, project: Project, paths: Sequence[Path]) -> None:
+    """Where recordings are read in seconds and the model counts in hours, a law is named for the rates that
+    are wrong by 3600. The columns are read again for that, of models that count in hours alone."""
+    clock = clock_unit(flat) if isinstance(flat, FlatModel) else "s"
+    for path in paths if clock != "s" else ():
+        table = with_units(read_table(path), project.units)
+        for finding in clock_findings(table, clock, project.time):
+            warn(finding.code, f"{path.stem}: {finding.sentence}")
 
 
 def measured_recordings(

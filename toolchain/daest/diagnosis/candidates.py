@@ -160,10 +160,30 @@ def in_shapes(
             name = f"{candidate.name}_{number + 1}"
             searched = _n_searched(candidate, values, counts)
             shaped.append(
-                replace(candidate, name=name, shape=values, units=units, searched=searched, proved=proved)
+                replace(
+                    candidate,
+                    effect=_with_fitted_number(candidate.effect, values),
+                    name=name,
+                    shape=values,
+                    units=units,
+                    searched=searched,
+                    proved=proved,
+                )
             )
         result.append(shaped)
     return result
+
+
+def _with_fitted_number(effect: Effect, values: Mapping[str, float]) -> Effect:
+    """The effect, whose number of periods in a turn is fitted where the data show no whole one."""
+
+    def is_shown(p: EffectParameter) -> bool:
+        return bool(p.periods_over) and not values.get(p.name, p.start).is_integer()
+
+    if not any(is_shown(p) and not p.estimate for p in effect.parameters):
+        return effect
+    parameters = tuple(replace(p, estimate=p.estimate or is_shown(p)) for p in effect.parameters)
+    return replace(effect, parameters=parameters)
 
 
 def _turns_on(candidate: Candidate, reached: Mapping[str, float]) -> bool:
@@ -333,17 +353,21 @@ def periods(
     return {name: float(n) for name, n in found.items() if n is not None}
 
 
-def most_likely_periods(angle: np.ndarray, innovations: np.ndarray) -> int | None:
-    """The whole number of periods over 2*pi of `angle` (n_samples,) whose sine and cosine explain most of the
+def most_likely_periods(angle: np.ndarray, innovations: np.ndarray) -> float | None:
+    """The number of periods over 2*pi of `angle` (n_samples,) whose sine and cosine explain most of the
     `innovations` (n_samples, n_y), from two on: one in a turn is a weight off the axis, a law of its own.
-    None where the motion does not reach a turn, or a period is passed within two samples: what is faster
-    would look like fewer periods."""
+    None where nothing moves, or a period is passed within two samples: what is faster would look like fewer
+    periods.
+
+    Whole numbers are told apart by a whole turn alone. Within a part of one, as that of a mount or of a joint
+    behind a gear with many teeth, it is any number from two periods over the whole way on."""
     if np.ptp(angle) < 2.0 * np.pi:
-        return None
+        length = most_likely_length(angle, innovations)
+        return None if length is None else 2.0 * np.pi / length
     fastest = np.quantile(np.abs(np.diff(angle)), 0.95)
     most = int(min(MOST_PERIODS, np.pi / fastest)) if fastest > 0.0 else MOST_PERIODS
     power = [_power(n * angle, innovations) for n in range(2, most + 1)]
-    return 2 + int(np.argmax(power)) if power else None
+    return 2.0 + int(np.argmax(power)) if power else None
 
 
 def most_likely_length(way: np.ndarray, innovations: np.ndarray) -> float | None:
@@ -430,8 +454,9 @@ def _n_searched(candidate: Candidate, values: Mapping[str, float], counts: Mappi
     """Of how many values of the shape the data chose this one; 1 where the grid has it."""
     for p in candidate.effect.parameters:
         value = values.get(p.name)
-        if p.periods_over and value not in p.grid and value == counts.get(f"{candidate.name}.{p.name}"):
-            return MOST_LENGTHS if p.scale_of else MOST_PERIODS
+        counted = counts.get(f"{candidate.name}.{p.name}") if p.periods_over else None
+        if counted is not None and value not in p.grid and value == counted:
+            return MOST_LENGTHS if p.scale_of or not counted.is_integer() else MOST_PERIODS
     return 1
 
 

@@ -34,9 +34,16 @@ def lags_in_the_way(found: Diagnosis) -> list[Proof]:
     law of another kind may be accepted: such a lag makes the recordings likelier than any law does, and what
     it leaves follows a variable or was not looked at, since it foresees unseen data worse, or the simulation
     of these is far better with a law, or far from them with the lag. Empty where something is accepted, but
-    for a law of another kind that its simulation alone shows and that leaves errors far from the noise, or
-    there is no such lag."""
-    accepted = [proof for proof in found.proofs if proof.verdict != "rejected"]
+    for what explains far less than a lag does, and for a law of another kind that its simulation alone shows
+    and that leaves errors far from the noise, or there is no such lag."""
+    outdoing = {
+        p.candidate.label for p in found.proofs if p.verdict == "rejected" and _is_dynamics_of_signal(p)
+    }
+    accepted = [
+        proof
+        for proof in found.proofs
+        if proof.verdict != "rejected" and not outdoing & set(proof.not_separable_from)
+    ]
     if not all(
         proof.is_by_use and _leaves_errors(proof) and not _is_dynamics_of_signal(proof) for proof in accepted
     ):

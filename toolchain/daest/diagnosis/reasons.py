@@ -496,7 +496,7 @@ def told_number(one: FittedParameter | KnownProduct) -> str:
 def told_values(proof: Proof) -> str:
     """The parameters of a law with their uncertainties, and what is known of them beside others alone, as
     messages tell them: of a place that may be anywhere, as the one of two stops that is never reached, no
-    more than that."""
+    more than that; and the number of periods in a turn that the screen has found."""
     own = f"{proof.candidate.name}."
     places = {own + p.name for p in proof.candidate.effect.parameters if _is_place(p)}
 
@@ -505,7 +505,14 @@ def told_values(proof: Proof) -> str:
         return f"{p.name.removeprefix(own)} not reached" if is_open else told_value(p)
 
     told = [said(p) for p in proof.told.parameters if p.name.startswith(own)]
+    told += _told_periods(proof.candidate)
     return ", ".join(told + [_told(p.name, p) for p in known_products(proof.candidate, proof.told)])
+
+
+def _told_periods(candidate: Candidate) -> list[str]:
+    """What the screen, and no fit, has counted: how often a law repeats."""
+    counted = [p for p in candidate.effect.parameters if p.periods_over and not p.estimate]
+    return [f"{p.name} = {candidate.shape.get(p.name, p.start):.4g}" for p in counted]
 
 
 def unexplained(explained: float, ratios: Sequence[float]) -> str:

@@ -16,7 +16,7 @@ from daest.diagnosis.noise_level import RECORDED, simulates_to_noise
 from daest.diagnosis.null import Null
 from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.screen import NullObserver, promising_pairs
-from daest.diagnosis.unseen import is_likelier, is_silent
+from daest.diagnosis.unseen import is_better, is_likelier, is_silent, is_worse
 from daest.estimation.gates import FIT
 from daest.estimation.signals import still_share
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Screened, Unproved, VerdictName
@@ -191,7 +191,8 @@ def _untried_leader(evidence: Evidence, accepted: Sequence[Proof]) -> Unproved |
 
 def _far_better(evidence: Evidence, accepted: Sequence[Proof]) -> Proof | None:
     """A rejected candidate beside which no accepted one is what is missing: the best of them has a small
-    share of its likelihood gain alone, and foresees unseen data far worse."""
+    share of its likelihood gain alone, and foresees unseen data far worse, in a simulation or over some
+    horizon. In a whole simulation what is missing besides may add up to more than what either does."""
     if not accepted:
         return None
     gain = max(p.delta_bic for p in accepted)
@@ -201,9 +202,22 @@ def _far_better(evidence: Evidence, accepted: Sequence[Proof]) -> Proof | None:
         for p in evidence.proofs
         if p.verdict == "rejected"
         and gain < GATES.min_share_of_better * p.delta_bic
-        and _error_ratio(evidence, p) < limit
+        and (_error_ratio(evidence, p) < limit or _foresees_far_better(p, accepted))
     ]
     return max(better, key=lambda p: p.delta_bic, default=None)
+
+
+def _foresees_far_better(proof: Proof, accepted: Sequence[Proof]) -> bool:
+    """Whether predictions of unseen data are far better with a candidate than with any of the accepted ones
+    over some horizon, and clearly worse than without it over none."""
+    best = [_least_ahead(p) for p in accepted]
+    return not any(map(is_worse, proof.ahead)) and _least_ahead(proof) < GATES.max_told_ratio * min(best)
+
+
+def _least_ahead(proof: Proof) -> float:
+    """The smallest error of predictions of unseen data, relative to that without the candidate, that is
+    clearly smaller; 1 where none is."""
+    return min((one.ratio for one in proof.ahead if is_better(one)), default=1.0)
 
 
 def _beside(
@@ -225,10 +239,13 @@ def _says_more(leader: Unproved) -> str:
 
 
 def _explains_more(evidence: Evidence, better: Proof) -> str:
+    whole, ahead = _error_ratio(evidence, better), _least_ahead(better)
+    errors = f"error of unseen data times {whole:.2g}"
+    if ahead < min(whole, 1.0):
+        errors = f"error of predictions of unseen data times {ahead:.2g}"
     return (
-        f"{better.candidate.label} explains far more (BIC gain {better.delta_bic:.3g}, error of unseen data "
-        f"times {_error_ratio(evidence, better):.2g}), although {better.reason}: the law that acts looks "
-        "more like that one"
+        f"{better.candidate.label} explains far more (BIC gain {better.delta_bic:.3g}, {errors}), although "
+        f"{better.reason}: the law that acts looks more like that one"
     )
 
 

@@ -41,9 +41,10 @@ class EffectParameter:
     `signal_unit` is "u", "u/s" or "1/u" for a parameter in the unit of the signal that the effect sits on, in
     that per second, or in one over it.
     `periods_over` is the effect's variable over a period of 2*pi of which the effect repeats as often as the
-    parameter says: the screen adds the whole number of periods that the data show to `grid`. Where `scale_of`
-    is given, too, the parameter is the length of one period along that variable, and the screen adds the one
-    that they show. Over "time" the parameter is a period of time: what swings faster than twice in a sample
+    parameter says: the screen adds the whole number of periods that the data show to `grid`, or, where they
+    show less than a turn, any number, which is then fitted. Where `scale_of` is given, too, the parameter is
+    the length of one period along that variable, and the screen adds the one that they show. Over "time" the
+    parameter is a period of time: what swings faster than twice in a sample
     is not seen.
     """
 

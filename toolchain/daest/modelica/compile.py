@@ -34,7 +34,11 @@ from daest.modelica.library import (
     readable_roots,
 )
 from daest.modelica.modifications import check_modifications
-from daest.modelica.nested_modifications import with_record_values, with_taken_modifications
+from daest.modelica.nested_modifications import (
+    with_record_arrays,
+    with_record_values,
+    with_taken_modifications,
+)
 from daest.modelica.outer_variables import without_outer_variables
 from daest.modelica.outline import class_heads, tokens
 from daest.modelica.parameters import is_parameter
@@ -134,7 +138,7 @@ def _with_part(
 
 def with_own_modifications(text: bytes) -> bytes:
     """The text with its modifications as the compiler takes them, as far as its own classes tell."""
-    text = with_record_values(text, _own_classes(text))
+    text = with_record_arrays(with_record_values(text, _own_classes(text)), _own_classes(text))
     text = with_last_elements(text, _own_classes(text))
     return with_taken_modifications(text, _own_classes(text))
 

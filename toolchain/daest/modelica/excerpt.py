@@ -24,11 +24,15 @@ from daest.modelica.components import Classes
 from daest.modelica.constraining import fits, with_bases, with_constraining_modifications
 from daest.modelica.dialect import OPERATOR_FILES, adapted, external_objects, with_constructors
 from daest.modelica.library import BYTE_ORDER_MARK, Roots, kept_folder, library_name, stamp, write_file
-from daest.modelica.nested_modifications import with_record_values, with_taken_modifications
+from daest.modelica.nested_modifications import (
+    with_record_arrays,
+    with_record_values,
+    with_taken_modifications,
+)
 from daest.modelica.outline import NO_CODE, class_heads
 from daest.modelica.sizes import with_last_elements
 
-_VERSION = "33"  # of what is kept; another one throws away what is there
+_VERSION = "34"  # of what is kept; another one throws away what is there
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
 _ALIAS = re.compile(
     rb"\b(?:import|package|model|function|type|block|connector|record|class|operator)\s+([A-Za-z_]\w*)"
@@ -325,7 +329,7 @@ def adapted_text(text: bytes, roots: Roots) -> bytes:
     text = with_members(text, members) if members else text
     if any(Path(made).stem == COMPLEX for made in roots.origins):
         text = with_parts(text, Classes(lambda full: _read_of(full, text, roots)))
-    for written in (with_record_values, with_last_elements, with_taken_modifications):
+    for written in (with_record_values, with_record_arrays, with_last_elements, with_taken_modifications):
         text = written(text, Classes(partial(_read_of, text=text, roots=roots)))
     return with_constructors(adapted(text), objects) + f"\n// {' '.join(names)}\n".encode()
 

@@ -12,6 +12,9 @@ Of legal modifications the compiler loses these without a word:
 - another value of a whole record, `motor(data = Data(R = 6))`, where the record is declared with a
   modification, `parameter Data data(R = 5)`: this is written with a constructor, `Data data = Data(R = 5)`.
 
+It breaks off where a loop reads an array of records that is declared as a parameter and given values,
+`parameter Data data[2](each R = 5)`: the prefix goes where the fields of the record are parameters anyway.
+
 What is written otherwise stands in marked comments, which places do not count, and what it stands for is
 blank: everything else keeps its line and column.
 """
@@ -19,10 +22,10 @@ blank: everything else keeps its line and column.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from daest.modelica.components import MOST_BASES, Classes, ClassText, Declared
+from daest.modelica.components import MOST_BASES, Classes, ClassText, Declared, declared, statements
 from daest.modelica.modification_trees import Change, Style, change, changes, merged, over, written
 from daest.modelica.outline import (
     KINDS,
@@ -32,6 +35,7 @@ from daest.modelica.outline import (
     Token,
     arguments,
     class_heads,
+    class_tokens,
     closing,
     edited,
     inserted,
@@ -247,6 +251,36 @@ def with_record_values(text: bytes, classes: Classes) -> bytes:
         for edit in _rewritten(one, classes, text)
     ]
     return edited(text, edits)
+
+
+def with_record_arrays(text: bytes, classes: Classes) -> bytes:
+    """The text without `parameter` before arrays of records that are given values and whose fields are
+    parameters all the same. Lines keep their numbers, and all else its column."""
+    if b"record" not in text or b"for" not in text:
+        return text
+    edits = [
+        overwritten(text, prefix.start, prefix.end, "")
+        for head in class_heads(text)
+        if not head.is_short
+        for line in statements(class_tokens(text, head))
+        for prefix in line[:2]  # `final parameter`
+        if prefix.text == "parameter" and _are_record_arrays(declared(line, head.name), classes)
+    ]
+    return edited(text, edits) if edits else text
+
+
+def _are_record_arrays(found: Iterable[Declared], classes: Classes) -> bool:
+    """Whether all that a statement declares are such arrays."""
+    of = [(classes.type_of(one), one) for one in found]
+    records = [None if full is None else classes.get(full) for full, _ in of]
+    return bool(of) and all(
+        one.sizes
+        and (one.modification or one.binding)
+        and record is not None
+        and record.kind == "record"
+        and all(field.is_parameter for field in _fields(record, classes).values())
+        for record, (_, one) in zip(records, of, strict=True)
+    )
 
 
 def _given(words: Sequence[Token]) -> frozenset[str]:
