@@ -288,6 +288,16 @@ equation
   0.3*der(f) = gate - f;
 end Generator;
 """
+FILTER = """model Filter
+  parameter Real T(unit = "s") = 0.2;
+  input Real u(unit = "V");
+  output Real y(unit = "V", start = 0);
+  Real a(unit = "V", start = 0);
+equation
+  T*der(a) = u - a;
+  1.5*T*der(y) = a - y;
+end Filter;
+"""
 
 
 def driven(t, x, limit):
@@ -302,10 +312,14 @@ def fed(t, x, limit):
     return [(np.clip(x[1], -limit, limit) - x[0]) / 0.3, (5.0 - 2 * x[0] - x[1]) / 0.2]
 
 
+def passed(t, x, limit):
+    return [(np.clip(x[1], -limit, limit) - x[0]) / 0.3, (5.0 - x[1]) / 0.2]
+
+
 @pytest.mark.parametrize(
     ("text", "name", "motion"),
-    [(DRIVE, "i", driven), (RUDDER, "rate", turned), (GATE, "gate", fed)],
-    ids=["current", "rate", "gate"],
+    [(DRIVE, "i", driven), (RUDDER, "rate", turned), (GATE, "gate", fed), (FILTER, "a", passed)],
+    ids=["current", "rate", "gate", "stage of a filter"],
 )
 def test_what_an_actuator_gives_may_have_a_limit_and_no_other_law(tmp_path, text, name, motion):
     """Friction beside a limit of the current had been a curve over a force."""

@@ -78,6 +78,15 @@ def inner_signals(
     return tuple(one for one in found if laws.alone_in(one) not in kept)
 
 
+def is_lag(flat: FlatModel, row: int, variable: int) -> bool:
+    """Whether a row is `T*der(x) = … - x` with a time T of parameters."""
+    equation = flat.residual[row]
+    own, rate = (ca.jacobian(equation, of[variable]) for of in (flat.xi, flat.derivatives))
+    return (
+        bool(own.nnz()) and is_of_parameters(flat, ca.vertcat(own, rate)) and has_unit(flat, rate / own, "s")
+    )
+
+
 def _outputs_of_blocks(flat: FlatModel) -> set[str]:
     """Variables of components that connections take elsewhere, and that belong to no connector with a
     flow."""
@@ -147,24 +156,15 @@ class _Laws:
         signals: list[InnerSignal] = []
         for row in sorted(own):
             rates = [i for i in self._unknowns[row] if i >= self._n]
-            if len(rates) != 1 or len(self._rows[rates[0]]) > 1 or not self._is_lag(row, rates[0] - self._n):
+            if len(rates) != 1 or len(self._rows[rates[0]]) > 1:
+                continue
+            is_told = len(self._unknowns[row]) + len(self._inputs[row]) > 2
+            if not is_told or not is_lag(self._flat, row, rates[0] - self._n):
                 continue
             signal = InnerSignal(rates[0] - self._n, self.uses(rates[0] - self._n, row, False), True)
             if self.is_taken_further(signal):
                 signals.append(signal)
         return signals
-
-    def _is_lag(self, row: int, variable: int) -> bool:
-        """Whether a row is `T*der(x) = k*y - x` with a time T, y an input or an unknown."""
-        flat, equation = self._flat, self._flat.residual[row]
-        own, rate = (
-            ca.jacobian(equation, flat.xi[variable]),
-            ca.jacobian(equation, flat.derivatives[variable]),
-        )
-        if not own.nnz() or not is_of_parameters(flat, ca.vertcat(own, rate)):
-            return False
-        is_told = len(self._unknowns[row]) + len(self._inputs[row]) > 2
-        return is_told and has_unit(flat, rate / own, "s")
 
     def commands(self) -> set[str]:
         """Names of the variables that a law gives which is made of an input and of the position and the speed

@@ -17,7 +17,7 @@ from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
 from daest.modelica.balances import Balance, balances, domain_of, in_connectors, slopes_near_start
 from daest.modelica.connectors import Connector, connectors_of, flow_scale
-from daest.modelica.inner_signals import inner_signals
+from daest.modelica.inner_signals import inner_signals, is_lag
 from daest.modelica.internal_forces import internal_forces
 from daest.modelica.meshes import meshes
 from daest.modelica.place_units import balances_flows
@@ -118,12 +118,20 @@ def _physical(flat: FlatModel) -> tuple[Site, ...]:
 
 
 def _inside(flat: FlatModel, physical: Sequence[Site]) -> list[Site]:
-    """Signals inside of a model, besides its `physical` places; not where events may switch them."""
+    """Signals inside of a model, besides its `physical` places; not where events may switch them. What a
+    filter between potentials makes, as `T*der(v) = u - v` does, where no flow is known, is a signal like any
+    other."""
     if flat.events is not None:
         return []
-    taken = {name for site in physical for name in (site.name, *site.aliases)}
-    flows = {site.aliases[-1] for site in physical if site.kind == "mesh"}
-    found = inner_signals(flat, {site.domain for site in physical}, taken, flows)
+    of_filters = {
+        balance.name(flat)
+        for balance in balances(flat)
+        if is_lag(flat, balance.row, balance.variable) and not balances_flows(flat, balance)
+    }
+    places = [site for site in physical if site.kind != "equation" or site.name not in of_filters]
+    taken = {name for site in places for name in (site.name, *site.aliases)}
+    flows = {site.aliases[-1] for site in places if site.kind == "mesh"}
+    found = inner_signals(flat, {site.domain for site in places}, taken, flows)
     return [Site(one.name(flat), "signal", "signal", limits_only=one.limits_only) for one in found]
 
 
