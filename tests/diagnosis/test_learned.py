@@ -11,7 +11,7 @@ from hidden_plants import MODELS, library, model, rotor_record
 
 from daest.diagnosis import learned
 from daest.diagnosis.free_forms import free_forms
-from daest.diagnosis.learned import learned_load, load_sign, said, with_curve, with_formula
+from daest.diagnosis.learned import _no_better, learned_load, load_sign, said, with_curve, with_formula
 from daest.diagnosis.loads import load_places
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screen import run_null
@@ -215,3 +215,19 @@ def test_load_over_a_speed_that_held_inputs_do_not_have_is_not_built_in():
     stand, run, form = bumpy()
     sloped = replace(form, sign_of="actuator.v")
     assert learned_load(stand.null, run, stand.baseline, sloped, stand.validation) is None
+
+
+@pytest.mark.parametrize(
+    ("after", "is_no_better"),
+    [
+        ({"y": 0.01395}, True),
+        ({"y": 0.0139}, True),
+        ({"y": 0.0135}, False),
+        ({"y": None}, False),
+        ({}, False),
+    ],
+)
+def test_a_curve_without_a_refit_must_simulate_unseen_data_better(after, is_no_better):
+    """White noise between two filters was an effect that follows the output, with an error of 13.9 mV that
+    the curve left as it was."""
+    assert bool(_no_better({"y": 0.01394}, after)) == is_no_better
