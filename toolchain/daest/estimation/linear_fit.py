@@ -45,7 +45,6 @@ from daest.estimation.result import (
 )
 from daest.estimation.search import Evaluation, Found, minimise
 from daest.estimation.setup import Setup, check_start
-from daest.estimation.signals import white_variance
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, Bound, FittedNoise
 from daest.model.holds import FOH, SMOOTH, Hold
@@ -413,7 +412,9 @@ def _residual_sizes(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np
     """rms of the simulation residuals, and of their white part (from second differences), both (n_y,)."""
     free = replace(problem, weigh=np.ones(len(problem.family.outputs), dtype=bool))
     simulated = simulate(free, theta, np.ones(len(problem.family.outputs)))
-    courses = []
+    n_y = len(problem.family.outputs)
+    total, rough = np.zeros(n_y), np.zeros(n_y)
+    counts, triples = np.zeros(n_y), np.zeros(n_y)
     for i, record in enumerate(problem.records):
         seen = record.observed
         if simulated is None:
@@ -421,14 +422,15 @@ def _residual_sizes(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np
         else:
             found = simulated.found[i]
             residuals = found.at_zero - np.tensordot(simulated.initial_states[i], found.response, 1)
-        courses.append(np.where(seen, residuals, np.nan))
-    together = np.concatenate(courses)
-    counts = np.maximum(np.isfinite(together).sum(axis=0), 1)
-    whole = np.sqrt(np.nansum(together**2, axis=0) / counts)
+        total += np.sum((residuals * seen) ** 2, axis=0)
+        counts += seen.sum(axis=0)
+        together = seen[2:] & seen[1:-1] & seen[:-2]
+        rough += np.sum(np.diff(residuals, 2, axis=0) ** 2 * together, axis=0) / 6.0
+        triples += together.sum(axis=0)
+    whole = np.sqrt(total / np.maximum(counts, 1))
     whole = np.where(whole > 0.0, whole, 1.0)
-    white = (white_variance(course[:, j] for course in courses) for j in range(whole.size))
-    fine = np.sqrt(np.fromiter(white, float))
-    return whole, np.where(fine > 0.0, np.minimum(fine, whole), whole)
+    fine = np.sqrt(rough / np.maximum(triples, 1))
+    return whole, np.where((triples > 0) & (fine > 0.0), np.minimum(fine, whole), whole)
 
 
 def _reference_intensities(problem: Problem, theta: np.ndarray, residual_std: np.ndarray) -> np.ndarray:
