@@ -252,12 +252,15 @@ class Course:
         lag = shortest_lag(proofs)
         if lag is None or best_accepted(ranked(proofs)) is not None or self.options.is_over:
             return proofs
-        late = [c for c in self.candidates if c.effect.class_name == DELAY and c.site == lag.candidate.site]
-        known = [p for p in proofs if p.candidate.name in {c.name for c in late}]
-        size = lag.fit.theta[f"{lag.candidate.name}.{lag.candidate.effect.sizes[0].name}"]
-        more = [] if known else stages.proved(stages.prepared([Trial(c, (size,), ()) for c in late]), ())[0]
-        told = told_apart(lag, [*known, *more])
-        return [*(told if p is lag else p for p in proofs), *more]
+        late = [
+            Trial(one, lag.sizes, ())
+            for one in self.candidates
+            if one.effect.class_name == DELAY and one.site == lag.candidate.site
+        ]
+        untried = _untried(late, [proof.candidate for proof in proofs])
+        every = [*proofs, *stages.proved(stages.prepared(untried), ())[0]]
+        told = told_apart(lag, [p for p in every if any(is_same(one, p.candidate) for one in late)])
+        return [told if p is lag else p for p in every]
 
     def _with_leaders_in_use(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with those that lead the screen in open loop and that a simulation shows, where nothing

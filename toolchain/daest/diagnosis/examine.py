@@ -241,12 +241,11 @@ def _with_values(
         other = other_value(stand, run)
     if other is None:
         return decided, ""
-    advice = f"estimate it (--estimate {other.parameter.name})"
     law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
     if law is None:
         if other.says_much and other.is_all:
             return _by_value_alone(decided, other), ""
-        near = f" Another value of {other.text}, comes near: {advice}."
+        near = f" Another value of {other.text}, comes near: {other.remedy}."
         return decided, near if other.says_much and not adds_up else ""
     terms = (law, stand.baseline, stand.null, error_ratios(stand.told.simulated, law.told.simulated))
     if not adds_up and other.puts_aside(*terms):
@@ -285,7 +284,7 @@ def _by_value(decided: verdicts.Decided, law: Proof, other: OtherValue) -> verdi
     )
     message = (
         f"The data contradict a given value. Another one of {other.text}, explains them better than "
-        f"{law.candidate.label}: estimate it (--estimate {other.parameter.name})."
+        f"{law.candidate.label}: {other.remedy}."
     )
     return verdicts.Decided("parameters off", message, proofs=proofs)
 
@@ -294,8 +293,7 @@ def _by_value_alone(decided: verdicts.Decided, other: OtherValue) -> verdicts.De
     """The verdict where no law is accepted, and none is missing with another given value."""
     message = (
         f"The data contradict a given value. With another one of {other.text}, the model simulates all "
-        f"recordings to their noise, and no effect is missing: estimate it (--estimate "
-        f"{other.parameter.name})."
+        f"recordings to their noise, and no effect is missing: {other.remedy}."
     )
     return verdicts.Decided("parameters off", message, proofs=decided.proofs)
 

@@ -45,9 +45,14 @@ class OtherValue:
         return f"another value of {self.text}"
 
     @property
+    def remedy(self) -> str:
+        """How the other value is taken."""
+        return f"estimate it (--estimate {self.parameter.name})"
+
+    @property
     def advice(self) -> str:
         """What is to be done before an effect is believed."""
-        return f"estimate it (--estimate {self.parameter.name}) before an effect is believed"
+        return f"{self.remedy} before an effect is believed"
 
     @property
     def settled_by(self) -> str:

@@ -23,7 +23,7 @@ from daest.modelica.constraining import (
     with_constraining_modifications,
 )
 from daest.modelica.dialect import Names, adapted, with_named_classes, without_broken, without_quotes
-from daest.modelica.excerpt import adapted_text, excerpt, may_extend
+from daest.modelica.excerpt import adapted_text, excerpt, may_extend, with_modifications
 from daest.modelica.inner_values import with_inner_values
 from daest.modelica.library import (
     Roots,
@@ -34,11 +34,6 @@ from daest.modelica.library import (
     readable_roots,
 )
 from daest.modelica.modifications import check_modifications
-from daest.modelica.nested_modifications import (
-    with_record_arrays,
-    with_record_values,
-    with_taken_modifications,
-)
 from daest.modelica.outer_variables import without_outer_variables
 from daest.modelica.outline import class_heads, tokens
 from daest.modelica.parameters import is_parameter
@@ -47,7 +42,7 @@ from daest.modelica.redeclarations import (
     with_redeclared_components,
     with_redeclared_parts,
 )
-from daest.modelica.sizes import with_integer_constants, with_last_elements
+from daest.modelica.sizes import with_integer_constants
 from daest.modelica.source import read_source, select_class
 from daest.modelica.table_files import Folders
 
@@ -138,9 +133,7 @@ def _with_part(
 
 def with_own_modifications(text: bytes) -> bytes:
     """The text with its modifications as the compiler takes them, as far as its own classes tell."""
-    text = with_record_arrays(with_record_values(text, _own_classes(text)), _own_classes(text))
-    text = with_last_elements(text, _own_classes(text))
-    return with_taken_modifications(text, _own_classes(text))
+    return with_modifications(text, _own_classes)
 
 
 def _with_constraints(text: bytes, path: Path) -> bytes:

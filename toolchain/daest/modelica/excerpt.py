@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import pickle
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -329,9 +329,16 @@ def adapted_text(text: bytes, roots: Roots) -> bytes:
     text = with_members(text, members) if members else text
     if any(Path(made).stem == COMPLEX for made in roots.origins):
         text = with_parts(text, Classes(lambda full: _read_of(full, text, roots)))
-    for written in (with_record_values, with_record_arrays, with_last_elements, with_taken_modifications):
-        text = written(text, Classes(partial(_read_of, text=text, roots=roots)))
+    text = with_modifications(text, lambda own: Classes(partial(_read_of, text=own, roots=roots)))
     return with_constructors(adapted(text), objects) + f"\n// {' '.join(names)}\n".encode()
+
+
+def with_modifications(text: bytes, classes_of: Callable[[bytes], Classes]) -> bytes:
+    """The text with its modifications as the compiler takes them; `classes_of` tells the classes that a text
+    names."""
+    for written in (with_record_values, with_record_arrays, with_last_elements, with_taken_modifications):
+        text = written(text, classes_of(text))
+    return text
 
 
 def may_extend(text: bytes, roots: Roots, name: str, wanted: str) -> bool:

@@ -308,18 +308,11 @@ def refuse_marks_of_classes(file: str, source: bytes) -> None:
     """Raise ModelError `model-annotation` for a `__Daest(...)` that stands at a class, behind no declaration:
     nothing would read it. Those of classes of effects are read elsewhere."""
     for match in _AT_CLASS.finditer(source) if b"__Daest" in source else ():
-        tail = _tail(source, match.start(1))
-        for one in arguments(tail, 1):
-            if [word.text for word in one[:2]] != ["__Daest", "("]:
-                continue
-            mark = _entries(one, file, source)
-            if "effect" not in mark.entries:
-                what = "it stands at the class, where it has no meaning"
-                raise mark.error(
-                    "",
-                    what,
-                    "Write it behind the parameter, input or output that it is about, before its `;`.",
-                )
+        mark = _mark(_tail(source, match.start(1)), 1, file, source)
+        if mark and "effect" not in mark.entries:
+            what = "it stands at the class, where it has no meaning"
+            remedy = "Write it behind the parameter, input or output that it is about, before its `;`."
+            raise mark.error("", what, remedy)
 
 
 def annotation_of(file: str, source: bytes, declaration_end: int) -> Annotation:
@@ -328,12 +321,17 @@ def annotation_of(file: str, source: bytes, declaration_end: int) -> Annotation:
 
     A list `Real a, b annotation(...)` gives the annotation to b alone, as Modelica does."""
     tail = _tail(source, declaration_end)
-    at = find_outside(tail, 0, "annotation") + 1
+    at = find_outside(tail, 0, "annotation")
+    mark = _mark(tail, at + 1, file, source)
+    value = tail[find_outside(tail, 0, "=") : at] if mark else []
+    return replace(mark, is_of_formula=any(token.kind == "name" for token in value))
+
+
+def _mark(tail: list[Token], at: int, file: str, source: bytes) -> Annotation:
+    """The `__Daest(...)` among the arguments of the annotation whose bracket opens at token `at`."""
     for one in arguments(tail, at) if at < len(tail) and tail[at].text == "(" else ():
         if one[0].text == "__Daest" and len(one) > 1 and one[1].text == "(":
-            value = tail[find_outside(tail, 0, "=") : find_outside(tail, 0, "annotation")]
-            is_of_formula = any(token.kind == "name" for token in value)
-            return replace(_entries(one, file, source), is_of_formula=is_of_formula)
+            return _entries(one, file, source)
     return NONE
 
 
