@@ -20,10 +20,10 @@ from daest.diagnosis.rivals import (
     dynamic_fits,
     from_other_sizes,
     kinked_elsewhere,
+    laws_at_its_place,
     no_richer_ones,
     not_begun_by,
     other_forms,
-    plainer_laws,
     reduced_laws,
     richer_laws,
     rounded,
@@ -96,16 +96,39 @@ def test_a_plainer_law_at_the_place_of_one_with_a_shape_is_tried():
     ]
     rich = next(e.candidate for e in entries if e.candidate.effect.name == "StribeckFriction")
     best, screen = replace(proof, candidate=rich), SimpleNamespace(entries=entries)
-    found = plainer_laws(best, screen, [best])
+    found = laws_at_its_place(best, screen, [best])
     assert found and all(t.candidate.site == rich.site for t in found)
     assert {t.candidate.effect.name for t in found} <= {"CoulombFriction", "ViscousFriction", "QuadraticDrag"}
     tried = [best, *(replace(proof, candidate=t.candidate) for t in found)]
-    again = {t.candidate.effect.name for t in plainer_laws(best, screen, tried)}
+    again = {t.candidate.effect.name for t in laws_at_its_place(best, screen, tried)}
     assert not again & {t.candidate.effect.name for t in found}
     unseen = SimpleNamespace(entries=[replace(e, p_value=0.5) for e in entries])
-    assert plainer_laws(best, unseen, [best]) == ()
+    assert laws_at_its_place(best, unseen, [best]) == ()
     # What has no shape has bent to nothing.
-    assert plainer_laws(proof, screen, [proof]) == ()
+    assert laws_at_its_place(replace(proof, explained=1.0), screen, [proof]) == ()
+
+
+def test_laws_with_shapes_are_tried_at_the_place_of_one_whose_errors_last():
+    """A spring that hardens stands for a stop, which the screen has tried at a few places alone."""
+    _, _, proof = proved("CoulombFriction")
+    laws = some_effects("StribeckFriction", "ViscousFriction", "QuadraticDrag")
+    entries = [
+        Screened(candidate, 1.0, (0.1,) * len(candidate.effect.sizes), 0.01, False, 1.0)
+        for candidate in pairs(laws, [site for site in sites(model()) if site == proof.candidate.site])
+    ]
+    screen = SimpleNamespace(entries=entries)
+
+    def leaving(white, adds_up=False):
+        seen = SimpleNamespace(rms={"phi": 1.0}, white={"phi": white})
+        return replace(
+            proof, adds_up=adds_up, explained=0.7, final=replace(proof.fit, simulated={"validation": seen})
+        )
+
+    tried = laws_at_its_place(leaving(0.1), screen, [proof])
+    assert [t.candidate.effect.name for t in tried] == ["StribeckFriction"]
+    assert laws_at_its_place(replace(leaving(0.1), explained=0.96), screen, [proof]) == ()
+    assert laws_at_its_place(leaving(0.9), screen, [proof]) == ()
+    assert laws_at_its_place(leaving(0.1, adds_up=True), screen, [proof]) == ()
 
 
 def test_kink_of_a_rival_elsewhere_is_fitted_where_that_of_the_leader_is():

@@ -96,6 +96,19 @@ def test_values_of_a_simulation_are_taken_by_the_product_of_its_errors(
     assert found is (after if is_taken else before)
 
 
+def test_values_that_foresee_worse_are_not_held(monkeypatch):
+    """A pendulum with an offset that turns over: the fit of its simulation turns over elsewhere."""
+    flat = compile_text(CAR, Path("Car.mo"))
+    before, after = simulated((0.6, 3.0)), simulated((0.02, 1.9), False)
+    for reference, unseen in ((before, 1.0), (after, 4.0)):
+        reference.fit.simulated["validation"] = SimpleNamespace(rms={"y": unseen, "w": 3.0})
+    null = SimpleNamespace(estimated=("ms",), experiments=(), hold="foh", fit=before.fit)
+    references = [before, after]
+    monkeypatch.setattr(stands, "identify", lambda *given: after.fit)
+    monkeypatch.setattr(stands, "_told_fits", lambda null, validation: (None, references.pop(0)))
+    assert stands._fitted(flat, lambda flat, near: null, lambda null: ())[2] is before
+
+
 def fit_of(log_likelihood, length=0.4):
     """The end of a search with one parameter."""
     length = SimpleNamespace(name="l", value=length, at_bound=None)

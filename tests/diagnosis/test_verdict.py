@@ -182,6 +182,14 @@ def test_leader_that_could_not_be_tried_forbids_any_other_claim():
     )
 
 
+def test_leader_that_could_not_be_tried_forbids_no_claim_that_gained_far_more():
+    """The screen foresees s² / 2, here 162 of a gain of 1000 that leaves nothing."""
+    left = replace(evidence().rest.form, p_value=0.5, statistic=1.0)
+    settled = replace(proof(), delta_log_likelihood=1000.0, left=left)
+    assert decide(replace(evidence(proofs=[settled]), unproved=(untried(18.0),))).name == "supported"
+    assert decide(replace(evidence(proofs=[settled]), unproved=(untried(31.0),))).name == "cannot tell"
+
+
 def test_leader_that_could_not_be_tried_is_named_where_nothing_else_is_found():
     found = decide(replace(evidence(related=True), unproved=(untried(31.0),)))
     assert found.name == "cannot tell" and "QuadraticDrag" in found.message

@@ -31,10 +31,10 @@ from daest.diagnosis.rivals import (
     best_dynamic,
     from_other_sizes,
     kinked_elsewhere,
+    laws_at_its_place,
     no_richer_ones,
     not_begun_by,
     other_forms,
-    plainer_laws,
     reduced_laws,
     richer_laws,
     rounded,
@@ -60,7 +60,7 @@ from daest.diagnosis.stand import Stand
 from daest.diagnosis.trials import Prepared, Trial, clipping_trials, trials
 from daest.model.diagnosis import Candidate, Proof, Screen, Unproved
 from daest.model.effects import Effect
-from daest.model.fit import FitResult, error_ratios
+from daest.model.fit import FitResult, error_ratios, most_lasting
 from daest.modelica.effects import adds_a_constant
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers
@@ -196,7 +196,7 @@ class Course:
             proofs = stages.second_tries(proofs, found)
         best = best_accepted(ranked(proofs))
         if best is not None:
-            others = signal_laws(best, found, proofs) + plainer_laws(best, found, proofs)
+            others = signal_laws(best, found, proofs) + laws_at_its_place(best, found, proofs)
             proofs += stages.proved(stages.prepared(others), ())[0]
             again = stages.proved(stages.prepared(from_other_sizes(best, found, proofs)), ())[0]
             return _with_second_tries(proofs, again)
@@ -294,7 +294,7 @@ class Course:
             return False
         ratios = error_ratios(reference.fit.simulated, best.told.simulated)
         takes_most = bool(ratios) and max(ratios) <= GATES.max_most_ratio
-        return not takes_most and verdicts.most_lasting(best.told)[1] >= GATES.told_rest
+        return not takes_most and most_lasting(best.told.simulated)[1] >= GATES.told_rest
 
     def _is_open(self, proofs: Sequence[Proof]) -> bool:
         """Whether no law is accepted, something is left to explain, and there is time for it."""

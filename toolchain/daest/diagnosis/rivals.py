@@ -34,7 +34,7 @@ from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.diagnosis import Candidate, Proof, Screen, Screened
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, FittedParameter, IdentifyOptions
+from daest.model.fit import FitResult, FittedParameter, IdentifyOptions, most_lasting
 from daest.model.flat import FlatModel, with_equations
 from daest.modelica.attach import attach
 from daest.systems.integrate import integrator
@@ -46,6 +46,7 @@ MOST_DYNAMIC = 2  # of them go to the proof
 MOST_RICHER = 2
 OTHER_SIZES = (0.5, 2.0)  # times that of a refit, from which it is searched again
 MOST_SIMPLER = 2
+MOST_SHAPED = 2  # of the place of an accepted law, beside it
 MOST_ROUNDED = 2  # laws at other places
 ITERATIONS = 15
 LAGS = (1.0, 10.0, 100.0)  # sampling periods, from which the size of a delay or lag is looked for
@@ -608,22 +609,35 @@ def _is_static(entry: Screened) -> bool:
     return not (entry.candidate.effect.n_states or entry.candidate.inputs or entry.absorbed)
 
 
-def plainer_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
-    """Laws without states at the place of the accepted `best` that have fewer parameters, show in the screen,
-    and were not tried: an outlet over any pressure bends to what a leak does, and the screen, which has seen
-    it at other pressures, tells the two apart. Laws of signals have `signal_laws`."""
+def laws_at_its_place(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
+    """Laws without states at the place of the accepted `best` that show in the screen and were not tried.
+    Those with fewer parameters: an outlet over any pressure bends to what a leak does, and the screen, which
+    has seen it at other pressures, tells the two apart. And those with shapes, where it leaves a part of the
+    loads and the errors of a simulation last: a spring that hardens bends over all of its travel to what a
+    stop does at the ends, which the screen has tried at a few places alone. Laws of signals have
+    `signal_laws`."""
     own = best.candidate
-    if own.is_of_signal or not any(p.estimate and p.role == "shape" for p in own.effect.parameters):
+    if own.is_of_signal:
         return ()
+    lasts = not best.adds_up and most_lasting(best.told.simulated)[1] >= GATES.told_rest
+    is_partial = lasts and best.explained < GATES.all_explained
     known = {p.candidate.effect.class_name for p in tried if p.candidate.site == own.site}
-    found: dict[str, Trial] = {}
+    plainer: dict[str, Trial] = {}
+    shaped: dict[str, Trial] = {}
     for entry in screen.entries:
-        one = entry.candidate
-        is_plainer = one.site == own.site and one.n_unknowns < own.n_unknowns
-        is_new = one.effect.class_name not in known and entry.p_value < GATES.screen_level
-        if is_plainer and is_new and _is_static(entry):
-            found.setdefault(one.effect.class_name, Trial(one, entry.sizes, ()))
-    return tuple(found.values())[:MOST_SIMPLER]
+        one, law = entry.candidate, entry.candidate.effect.class_name
+        is_new = one.site == own.site and law not in known and entry.p_value < GATES.screen_level
+        if not is_new or not _is_static(entry):
+            continue
+        if _has_shapes(own) and one.n_unknowns < own.n_unknowns:
+            plainer.setdefault(law, Trial(one, entry.sizes, ()))
+        elif is_partial and _has_shapes(one):
+            shaped.setdefault(law, Trial(one, entry.sizes, ()))
+    return (*list(plainer.values())[:MOST_SIMPLER], *list(shaped.values())[:MOST_SHAPED])
+
+
+def _has_shapes(one: Candidate) -> bool:
+    return any(p.estimate and p.role == "shape" for p in one.effect.parameters)
 
 
 def reduced_laws(null: Null, best: Proof, screen: Screen) -> list[Prepared]:

@@ -161,7 +161,7 @@ def _fitted(
         with suppress(*FAILURES):  # a simulation may end at values beside which no load can be fitted
             fixed = null_of(known, {})
             again = _told_fits(fixed, unseen_by(fixed))
-            if again[1] is not None and not again[1].adds_up:
+            if again[1] is not None and not again[1].adds_up and not _foresees_worse(reference, again[1]):
                 return fixed, *again
     return null, baseline, reference
 
@@ -205,6 +205,13 @@ def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) 
         return None
     fixed = flat.with_theta(fit.theta)
     return replace(fixed, parameters=tuple(replace(p, estimate=False) for p in fixed.parameters))
+
+
+def _foresees_worse(reference: Reference | None, other: Reference) -> bool:
+    """Whether the other fit simulates an output of unseen data worse: what it gained on the data of the fit,
+    a machine that turns over at another moment gives by chance."""
+    before = {} if reference is None else reference.fit.simulated
+    return max(error_ratios(before, other.fit.simulated), default=0.0) > GATES.same_unseen_ratio
 
 
 def _far_smaller(ratios: Sequence[float]) -> bool:

@@ -14,6 +14,7 @@ from daest.diagnosis.held_values import OtherValue
 from daest.diagnosis.load_starts import LoadStart, takes_over
 from daest.diagnosis.noise_level import RECORDED, simulates_to_noise
 from daest.diagnosis.null import Null
+from daest.diagnosis.ranking import is_settled
 from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.screen import NullObserver, promising_pairs
 from daest.diagnosis.unseen import is_better, is_likelier, is_silent, is_worse
@@ -21,7 +22,7 @@ from daest.estimation.gates import FIT
 from daest.estimation.signals import still_share
 from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Screened, Unproved, VerdictName
 from daest.model.effects import Domain
-from daest.model.fit import Agreement, FitResult, error_ratios, ratios_by_output
+from daest.model.fit import Agreement, FitResult, error_ratios, most_lasting, ratios_by_output
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
 from daest.quantities import spoken_duration
@@ -180,11 +181,16 @@ def _beside_earlier(evidence: Evidence) -> Decided:
 
 
 def _untried_leader(evidence: Evidence, accepted: Sequence[Proof]) -> Unproved | None:
-    """A candidate whose refit failed, with a score that none of the accepted ones reaches."""
+    """A candidate whose refit failed, with a score that none of the accepted ones reaches: in the screen, or
+    by far in its refit, which leaves nothing that follows a variable. A score s foresees a gain of s² / 2."""
     scores = {entry.candidate.name: entry.score for entry in evidence.screen.entries}
     best = max((scores.get(p.candidate.name, 0.0) for p in accepted), default=0.0)
+    gained = max((p.delta_log_likelihood for p in accepted if is_settled([p])), default=0.0)
     failed = [
-        u for u in evidence.unproved if u.has_failed and u.p_value < GATES.missing_level and u.score > best
+        u
+        for u in evidence.unproved
+        if u.has_failed and u.p_value < GATES.missing_level and u.score > best
+        if u.score**2 / 2.0 > GATES.max_untried_promise * gained
     ]
     return max(failed, key=lambda u: u.score, default=None)
 
@@ -499,25 +505,13 @@ def _lasting(after: FitResult) -> str:
     """A sentence on the output whose errors in a simulation of unseen data last longest; empty where none
     do. The error one sample ahead says nothing of it where no load can take the place of what is missing: the
     noise of the sensor then stands for it."""
-    name, ratio = most_lasting(after)
+    name, ratio = most_lasting(after.simulated)
     if ratio < GATES.told_rest:
         return ""
     return (
         f" What a simulation leaves of {name} lasts: it is {ratio:.2g} times its part without memory, "
         "so that something else is missing, or acts besides, or the noise of that sensor is slow."
     )
-
-
-def most_lasting(after: FitResult) -> tuple[str, float]:
-    """The output whose errors in a simulation of unseen data last longest, and how many times their part
-    without memory they are; 0 where nothing is known."""
-    seen = after.simulated.get("validation")
-    if seen is None:
-        return "", 0.0
-    pairs = ((name, seen.rms.get(name), white) for name, white in seen.white.items())
-    ratios = [(rms / white, name) for name, rms, white in pairs if rms and white]
-    ratio, name = max(ratios, default=(0.0, ""))
-    return name, ratio
 
 
 def two_alike(screen: Screen) -> str:
