@@ -132,3 +132,6 @@ def test_commands_that_fit_and_compare_tell_a_clock_that_is_not_that_of_the_mode
     for command in (("compare",), ("identify", "--estimate", "C")):
         _, _, err = daest(*command, "Store.mo", "run.csv")
         assert ("check-model-clock" in err) == warns, err
+    Path("again.csv").write_text(Path("run.csv").read_text())
+    _, _, err = daest("identify", "--estimate", "C", "--model", "Store.mo", "run.csv", "again.csv")
+    assert err.count("check-model-clock") == warns and ("run, again: time" in err) == warns, err

@@ -292,6 +292,10 @@ def test_too_short_a_record_is_refused():
     with pytest.raises(EstimationError) as caught:
         diagnosed(rotor_record(210, seed=1)[0])
     assert "--split" not in caught.value.remedy
+    whole = rotor_record(300, seed=1)[0]
+    with pytest.raises(EstimationError) as caught:  # what validates is there: half as many are enough
+        diagnose(model(), library(), [part_of(whole, 0, 100)], [part_of(whole, 100, 300)], options())
+    assert "at least 200 samples beside those that validate" in caught.value.remedy
 
 
 def test_share_that_is_enough_is_one_of_the_time_of_the_same_recordings():

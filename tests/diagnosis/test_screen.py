@@ -311,6 +311,18 @@ def test_friction_in_the_one_direction_in_which_a_rotor_turns_is_dry_friction():
     assert any("AsymmetricFriction" in label and "do not tell" in reason for label, reason in found.skipped)
 
 
+@pytest.mark.parametrize("alike", [1.0, 0.9])
+def test_damping_in_the_one_direction_of_all_motion_is_viscous_friction(alike):
+    found = screen(*quiet(), candidates("ViscousFriction", "AsymmetricDamper"))
+    names = {e.candidate.effect.name for e in found.entries}
+    kept = _without_sums(replace(found, correlation=np.full_like(found.correlation, alike)), set())
+    expected = names if alike < 1.0 else {"ViscousFriction"}
+    assert {e.candidate.effect.name for e in kept.entries} == expected and len(names) == 2
+    told = [reason for label, reason in kept.skipped if label.startswith("AsymmetricDamper")]
+    assert all("do not tell it from ViscousFriction" in reason for reason in told)
+    assert bool(told) == (alike == 1.0)
+
+
 def test_effects_with_states_alone_leave_the_screen_empty():
     null, run = quiet()
     found = screen(null, run, candidates("Lag"))

@@ -167,6 +167,40 @@ def test_the_units_of_a_balance_tell_that_a_model_counts_time_in_hours(tmp_path,
     assert units_at(flat, find_effect("HeatLoss"), at["1:T"])["G"] == "W/K"
 
 
+GROWTH = """\
+model Growth
+  parameter Real mu(unit = "1/h") = 0.5;
+  parameter Real K(unit = "mmol/l") = 0.1;
+  parameter Real Y(unit = "l/mmol") = 0.02;
+  parameter Real c = 1;
+  output Real X(start = 0.02);
+  Real S(unit = "mmol/l", start = 60);
+  Real r;
+equation
+  r = mu*S/(K + S)*X;
+  der(X) = r;
+  der(S) = -r/Y;
+end Growth;
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "clock"),
+    [
+        (("", ""), "h"),
+        (('"1/h"', '"1/d"'), "d"),
+        (('"1/h"', '"1/min"'), "s"),  # speeds are in 1/min
+        (("Real c ", 'Real c(unit = "W") '), "s"),  # a Joule a second
+        (("Real c ", 'Real c(unit = "1/d") '), "s"),
+        (('"1/h"', '"km/h"'), "s"),
+    ],
+)
+def test_the_rates_of_a_model_tell_its_clock_where_no_balance_does(tmp_path, change, clock):
+    file = tmp_path / "Growth.mo"
+    file.write_text(GROWTH.replace(*change))
+    assert clock_unit(compile_model(file)) == clock
+
+
 OWN_UNITS = """\
 model Own
   parameter Real J(unit = "kg.m2") = 2;

@@ -194,9 +194,9 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "check-model-clock": (
         "Units of parameters tell that the equations count time in hours, as in `C*der(T) = Q` with "
-        "C in kW.h/K and Q in kW. Recordings are read in seconds where they tell the unit of their time, so "
-        "that every rate would come out wrong by 3600. Give the time as a number of hours in a column `time` "
-        "without a unit, or write the model in seconds, with C in J/K."
+        "C in kW.h/K and Q in kW, or where all rates are in 1/h. Recordings are read in seconds where they "
+        "tell the unit of their time, so that every rate would come out wrong by 3600. Give the time as a "
+        "number of hours in a column `time` without a unit, or write the model in seconds, with C in J/K."
     ),
     "check-outliers": (
         "Single samples lie far from their neighbours, farther than noise does. Least squares follow them. "

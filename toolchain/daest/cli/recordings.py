@@ -122,12 +122,16 @@ def _read(
 
 def _warn_of_clock(flat: Model, project: Project, paths: Sequence[Path]) -> None:
     """Where recordings are read in seconds and the model counts in hours, a law is named for the rates that
-    are wrong by 3600. The columns are read again for that, of models that count in hours alone."""
+    are wrong by 3600. The columns are read again for that, of models that count in hours alone. What holds of
+    several recordings is told once."""
     clock = clock_unit(flat) if isinstance(flat, FlatModel) else "s"
+    told: dict[tuple[str, str], list[str]] = {}
     for path in paths if clock != "s" else ():
         table = with_units(read_table(path), project.units)
         for finding in clock_findings(table, clock, project.time):
-            warn(finding.code, f"{path.stem}: {finding.sentence}")
+            told.setdefault((finding.code, finding.sentence), []).append(path.stem)
+    for (code, sentence), names in told.items():
+        warn(code, f"{', '.join(names)}: {sentence}")
 
 
 def measured_recordings(

@@ -270,7 +270,8 @@ def _without_sums(found: Screen, contained: set[str]) -> Screen:
     """The screen without effects that are another one here: sums of effects, all but one of which the model
     contains or its parameters do, or which the recordings do not tell from the first of them. Friction in
     one direction is dry friction beside a constant load that is estimated, and on a wheel that turns in this
-    direction alone. At a place that the sensors do not tell from such a one it is the same."""
+    direction alone, as damping in one direction is viscous friction. At a place that the sensors do not tell
+    from such a one it is the same."""
     done = contained | {entry.candidate.label for entry in found.entries if entry.absorbed}
     at = {entry.candidate.label: i for i, entry in enumerate(found.entries)}
     alike = np.abs(found.correlation) > GATES.same_place_correlation
@@ -279,6 +280,7 @@ def _without_sums(found: Screen, contained: set[str]) -> Screen:
         effect, place = entry.candidate.effect, entry.candidate.site.name
         parts = [f"{name} at {place}" for name in effect.sum_of]
         left = [part for part in parts if part not in done]
+        plain = f"{effect.one_way} at {place}"
         if parts and len(left) == 1 and left[0] in at:
             reason = f"the model as it is makes it the same as {left[0]}"
             others |= {
@@ -288,6 +290,8 @@ def _without_sums(found: Screen, contained: set[str]) -> Screen:
             }
         elif parts and parts[0] in left and parts[0] in at and alike[i, at[parts[0]]]:
             others[entry.candidate.label] = f"these recordings do not tell it from {parts[0]}"
+        elif plain in at and alike[i, at[plain]]:
+            others[entry.candidate.label] = f"these recordings do not tell it from {plain}"
     keep = [i for i, entry in enumerate(found.entries) if entry.candidate.label not in others]
     return replace(found.only(keep), skipped=(*found.skipped, *others.items()))
 

@@ -411,13 +411,19 @@ def _divided_otherwise(experiments: Sequence[Experiment], validation: Sequence[E
 def _divided(
     experiments: tuple[Experiment, ...], validation: tuple[Experiment, ...]
 ) -> tuple[tuple[Experiment, ...], tuple[Experiment, ...]]:
+    has_own = bool(validation) and not any(e.name.endswith(" (validation)") for e in validation)
     experiments, validation = halved(experiments, validation)
     n_samples = sum(e.n_samples for e in experiments)
     if n_samples < GATES.min_samples:
+        needed = (
+            f"{GATES.min_samples} samples beside those that validate"
+            if has_own
+            else f"{2 * GATES.min_samples} samples (half are kept for validation)"
+        )
         raise EstimationError(
             "diagnose-too-short",
             f"{n_samples} samples to diagnose from cannot tell a missing effect from noise",
-            remedy=f"record at least {2 * GATES.min_samples} samples (half are kept for validation) that "
+            remedy=f"record at least {needed} that "
             "move the machine through its whole range, in both directions and through rest"
             + _divided_otherwise(experiments, validation),
         )

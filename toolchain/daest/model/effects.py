@@ -88,7 +88,8 @@ class Effect:
     has besides those of the motion of its connectors. `outside` tells where it is tried at an FMU without
     equations: at its inputs, at its outputs, or not at all. `sum_of` names the effects that it is the sum of:
     beside all but one of them, it is the one that is left. `grounded` names the effect at one connector
-    that it is where an end of its place is grounded. `is_of_store`: it changes a store that the model has,
+    that it is where an end of its place is grounded, `one_way` the one that it is where all motion goes one
+    way. `is_of_store`: it changes a store that the model has,
     and is nothing where there is none. `most_turns`: of a body that it may hold; no spring is wound by one
     that turns on and on. None where it acts at any angle.
     """
@@ -108,6 +109,7 @@ class Effect:
     outside: Literal["", "input", "output"] = ""
     sum_of: tuple[str, ...] = ()
     grounded: str = ""
+    one_way: str = ""
     is_of_store: bool = False
     most_turns: float | None = None
     documentation: str = ""

@@ -23,11 +23,12 @@ def clock_unit(flat: FlatModel) -> str:
 
     In `C*der(T) = a*Q` the unit of C over that of a, times that of T over that of Q, is the unit of time.
     That is told where no number stands before either of them, which might be a conversion, and where all
-    such pairs of terms agree.
+    such pairs of terms agree. Where there is none, as in `der(X) = mu*S/(K + S)*X`, the rates and times among
+    the parameters tell, if nothing of the model has any other unit of time in it.
     """
     if not _has_longer_unit(flat):
         return "s"
-    told = list(_told(flat))
+    told = list(_told(flat)) or _of_parameters(flat)
     agree = bool(told) and np.allclose(told, told[0], rtol=_TOLERANCE, atol=0.0)
     return _CLOCKS.get(round(told[0]), "s") if agree else "s"
 
@@ -49,10 +50,27 @@ def _has_longer_unit(flat: FlatModel) -> bool:
     return any(_LONGER & set(parse_unit(unit)) for unit in units if dimensions(unit))
 
 
+def _of_parameters(flat: FlatModel) -> list[float]:
+    """The seconds in the hour or day that the parameters which are a rate or a time count in; none where a
+    unit of the model has time in it in another way, as W has. Minutes tell nothing: speeds are in 1/min."""
+    put_in = _put_in(flat)
+    own = [
+        x.unit
+        for part in (flat.unknowns, flat.inputs, flat.parameters)
+        for x in part
+        if x.name.partition(".")[0] not in put_in
+    ]
+    timed = [unit for unit in own if "[time]" in (dimensions(unit) or {})]
+    symbols = {symbol for unit in timed for symbol in _LONGER & set(parse_unit(unit))}
+    rates = [p.name for p in flat.parameters if set(parse_unit(p.unit)) == symbols]
+    is_alone = len(symbols) == 1 and all(symbols & set(parse_unit(unit)) for unit in timed)
+    return [in_base_units(*symbols)] if rates and is_alone and "min" not in symbols else []
+
+
 def _told(flat: FlatModel) -> Iterator[float]:
     """The seconds in the unit of time, as every rate tells beside every other term of its row; not those of
     loads and effects that were put in, whose units are not the model's."""
-    put_in = flat.attached.union(e.origin for e in flat.equations if e.origin in flat.unknown_names)
+    put_in = _put_in(flat)
     known = [*flat.unknowns, *flat.inputs]
     units = ["" if x.name.partition(".")[0] in put_in else x.unit for x in known]
     rates = ca.jacobian(flat.residual, flat.derivatives)
@@ -62,6 +80,11 @@ def _told(flat: FlatModel) -> Iterator[float]:
             pair = [rates[row, variable], terms[row, at]]
             if units[variable] and units[at] and is_of_parameters(flat, ca.vertcat(*pair)):
                 yield from _seconds(flat, pair, units[variable], units[at])
+
+
+def _put_in(flat: FlatModel) -> frozenset[str]:
+    """The loads and effects that were put into a model, by the first part of their names."""
+    return flat.attached.union(e.origin for e in flat.equations if e.origin in flat.unknown_names)
 
 
 def _seconds(flat: FlatModel, pair: Sequence[ca.SX], unit: str, beside: str) -> Iterator[float]:

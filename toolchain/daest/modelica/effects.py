@@ -47,7 +47,19 @@ _ATTACHMENTS: tuple[Attachment, ...] = ("connector", "parallel", "series", *_SIG
 _ROLES: tuple[ParameterRole, ...] = ("size", "shape", "sharpness", "given")
 _SIGNAL_UNITS = ("", "u", "u/s", "1/u")
 MOST_KEPT = 100  # catalogues of effects in the cache
-_KEYS = ("effect", "attach", "law", "dynamic", "inputs", "outside", "sum_of", "grounded", "of_store", "turns")
+_KEYS = (
+    "effect",
+    "attach",
+    "law",
+    "dynamic",
+    "inputs",
+    "outside",
+    "sum_of",
+    "grounded",
+    "one_way",
+    "of_store",
+    "turns",
+)
 _DOCUMENTATION = re.compile(r'Documentation\s*\(\s*info\s*=\s*"((?:[^"\\]|\\.)*)"', re.DOTALL)
 _TAG = re.compile(r"<[^>]*>")
 
@@ -512,6 +524,7 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
         outside=source.entry("outside") or "",
         sum_of=tuple(source.entry("sum_of") or ()),
         grounded=source.entry("grounded") or "",
+        one_way=source.entry("one_way") or "",
         is_of_store=source.annotation.flag("of_store", False),
         most_turns=source.entry("turns"),
         documentation=source.documentation,

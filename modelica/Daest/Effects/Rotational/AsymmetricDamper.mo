@@ -11,7 +11,8 @@ model AsymmetricDamper "Damping in one direction only"
 equation
   tau = -d*w*(1 + direction*tanh(w/w_s))/2;
   annotation(
-    __Daest(effect = true, attach = "connector", law = "tau = -d*w*(1 + direction*tanh(w/w_s))/2"),
+    __Daest(effect = true, attach = "connector", one_way = "ViscousFriction",
+      law = "tau = -d*w*(1 + direction*tanh(w/w_s))/2"),
     Documentation(info = "Together with a damper it gives damping of two sizes, as shock absorbers
 have it for bump and rebound. The step of the ideal law is rounded over w_s, which is not estimated: about 1
 % of the range of the angular velocity."));

@@ -11,7 +11,8 @@ model AsymmetricDamper "Damping in one direction only"
 equation
   f = -d*v*(1 + direction*tanh(v/v_s))/2;
   annotation(
-    __Daest(effect = true, attach = "connector", law = "f = -d*v*(1 + direction*tanh(v/v_s))/2"),
+    __Daest(effect = true, attach = "connector", one_way = "ViscousFriction",
+      law = "f = -d*v*(1 + direction*tanh(v/v_s))/2"),
     Documentation(info = "Together with a damper it gives damping of two sizes, as shock absorbers
 have it for bump and rebound. The step of the ideal law is rounded over v_s, which is not estimated: about 1
 % of the range of the velocity."));
