@@ -13,7 +13,8 @@ from daest.modelica.factors import given_value, is_of_parameters
 from daest.quantities import is_of
 
 CURRENT, VOLTAGE = "A", "V"
-_SEED, _POINTS = 20040101, 20
+_SEED, _POINTS, _DECADES = 20040101, 20, 6.0  # at which other variables change a resistance
+_CONSTANT_PART = 0.01  # share of a resistance that is left whatever the size of what changes it; judgement
 
 
 @dataclass(frozen=True)
@@ -49,15 +50,18 @@ def _terminal(flat: FlatModel, output: int, current: int) -> Terminal | None:
 
 
 def _sign(flat: FlatModel, slope: ca.SX) -> float:
-    """That of a resistance which other variables than the current change (the flow of an electrolyte, a
-    temperature), where it is the same at points of all sizes, and these variables positive; 0 else."""
+    """That of a resistance which other variables than the current change (the flow of an electrolyte, a state
+    of charge), where it is the same for all their sizes, these being positive, and none makes it vanish: it
+    has a constant part; 0 else."""
     if ca.depends_on(slope, ca.vertcat(flat.derivatives, flat.w, flat.time)):
         return 0.0
     evaluate = ca.Function("slope", [flat.xi, flat.u, flat.theta], [slope])
     rng = np.random.default_rng(_SEED)
-    points = [[np.exp(rng.normal(size=x.numel())) for x in (flat.xi, flat.u)] for _ in range(_POINTS)]
-    signs = {float(np.sign(float(evaluate(xi, u, flat.theta_values)))) for xi, u in points}
-    return signs.pop() if signs in ({1.0}, {-1.0}) else 0.0
+    sizes = [[rng.uniform(-_DECADES, _DECADES, x.numel()) for x in (flat.xi, flat.u)] for _ in range(_POINTS)]
+    points = [[np.zeros(x.numel()) for x in (flat.xi, flat.u)], *sizes]
+    values = np.array([float(evaluate(10.0**xi, 10.0**u, flat.theta_values)) for xi, u in points])
+    sign = float(np.sign(values[0]))
+    return sign if np.all(sign * values > _CONSTANT_PART * abs(values[0])) else 0.0
 
 
 def _solved(flat: FlatModel, output: int) -> ca.SX:

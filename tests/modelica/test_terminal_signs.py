@@ -27,6 +27,7 @@ end Cell;
         ("R*i", 1.0),
         ("R*i + a*i/q", 1.0),  # a flow of electrolyte, without which it has no value
         ("(-R*(1 + 0.5*soc)*i)", -1.0),
+        ("R*soc*i", None),  # nothing where that is zero: it may be anything
         ("a*(q - 1)*i", None),  # another way for another flow
         ("a*i*0", None),
     ],
