@@ -245,12 +245,3 @@ def test_an_error_of_a_step_that_is_unknown_is_told_as_that(capsys, error, expec
     _compare(2, {"model_rms": {"phi": error}, "rms": {"validation": {"phi": expected}}})
     said = capsys.readouterr().err
     assert "step 2" in said and "unknown" in said and ("0.5" in said) == (error != expected)
-
-
-@pytest.mark.parametrize(
-    ("of_file", "of_fit", "is_told"),
-    [(None, None, False), (0.1, None, True), (0.1, 0.1001, False), (0.1, 0.2, True)],
-)
-def test_a_file_that_runs_away_as_the_fit_does_is_not_told(capsys, of_file, of_fit, is_told):
-    _compare(1, {"model_rms": {"gap": of_file}, "rms": {"validation": {"gap": of_fit}}})
-    assert ("has the error" in capsys.readouterr().err) == is_told
