@@ -386,3 +386,23 @@ def test_step_whose_sizes_another_fit_does_not_determine_says_so(is_known):
     last = improving._refitted(improving._Path(stand, steps), again, "refitted: held").steps[-1]
     assert last.remark.startswith("supported; refitted: held")
     assert last.remark.endswith("with which the data determine none of its parameters") != is_known
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "helps"),
+    [
+        ((0.208, 2.85), (0.029, 2.91), True),  # the second output waits for another effect
+        ((0.208, 2.85), (0.195, 2.91), False),
+        ((0.208, 2.85), (0.029, 4.0), False),
+        ((0.208, 2.85), (0.208, 2.85), False),
+    ],
+)
+def test_an_effect_helps_that_makes_all_errors_together_clearly_smaller(monkeypatch, before, after, helps):
+    monkeypatch.setattr(improving, "is_likelier", lambda told: False)
+
+    def simulated(rms):
+        named = dict(zip(("u", "ocv"), rms, strict=True))
+        return SimpleNamespace(simulated={"validation": Agreement({}, named)})
+
+    proof = SimpleNamespace(told=simulated(after), ahead=(), confirmed=None)
+    assert improving._helps(simulated(before), proof) == helps

@@ -299,6 +299,37 @@ def test_what_only_rescales_estimated_parameters_gains_nothing(record):
     assert fit.log_likelihood - baseline.log_likelihood < 0.5
 
 
+DRUM = b"""model Drum "A tyre on a drum, with a relaxation length"
+  parameter Real sigma(unit = "m", min = 0) = 0.4 annotation(__Daest(estimate = true));
+  parameter Real mu(unit = "1", min = 0) = 8 annotation(__Daest(estimate = true));
+  input Real alpha(unit = "rad");
+  input Real v(unit = "m/s");
+  input Real Fz(unit = "N");
+  output Real F(unit = "N");
+  Real a(unit = "rad", start = 0);
+equation
+  sigma/v*der(a) = alpha - a;
+  F = mu*Fz*a;
+end Drum;
+"""
+
+
+def test_loads_have_places_in_a_model_that_says_nothing_at_rest():
+    flat = compile_text(DRUM, Path("Drum.mo"))
+    rng, n = np.random.default_rng(1), 600
+    inputs = np.column_stack([np.repeat(rng.uniform(-0.1, 0.1, n // 20), 20), *np.full((2, n), 10.0)])
+    inputs[:, 2] += np.repeat(rng.uniform(2000.0, 4000.0, n // 30), 30)
+    a = np.zeros(n)
+    for k in range(n - 1):
+        a[k + 1] = inputs[k, 0] + (a[k] - inputs[k, 0]) * np.exp(-0.01 * inputs[k, 1] / 0.5)
+    y = (9.0 * inputs[:, 2] * a + rng.normal(size=n))[:, None]
+    record = Experiment("run", 0.01 * np.arange(n), inputs, y, ("alpha", "v", "Fz"), ("F",))
+    # Without a speed the rate is not finite, without a load the tyre has no force: there was no place.
+    null = fit_null(flat, load_sites(flat), [record], "zoh")
+    found = {x.name: x.value for x in null.fit.parameters}
+    assert [found["sigma"], found["mu"]] == pytest.approx([0.5, 9.0], rel=0.01)
+
+
 def test_what_the_data_leave_open_stays_near_the_given_values():
     """A prior of a decade about each, and none where the user has one or the scale is linear."""
     flat = model()

@@ -41,6 +41,14 @@ CASES = {
         "unexpected `flow`",
         "`flow` is a word of the language and cannot name anything: write `flow_`.",
     ),
+    "reserved word that names a class": (
+        "model M\n function flow\n  input Real r;\n  output Real y;\n algorithm\n  y := r;\n end flow;\n"
+        " Real x;\nequation\n x = flow(1);\nend M;",
+        "model-syntax",
+        (2, 11),
+        "unexpected `flow`",
+        "`flow` is a word of the language and cannot name anything: write `flow_`.",
+    ),
     "semicolon before a reserved word": (
         "model M\n Real x\n flow Real u;\nequation\n x = 3;\nend M;",
         "model-syntax",

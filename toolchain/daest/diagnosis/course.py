@@ -42,6 +42,7 @@ from daest.diagnosis.rivals import (
     signal_laws,
     simpler_laws,
     simplest_first,
+    straight_laws,
     told_apart,
     with_held_shapes,
 )
@@ -102,6 +103,7 @@ class Course:
             proofs += stages.proved(stages.prepared(wanted[options.most_trials :]), proofs)[0]
             proofs = stages.second_tries(proofs, found)
         proofs = self._with_simpler_laws(stages, proofs)
+        proofs = self._with_straight_laws(stages, proofs)
         proofs = self._with_other_forms(stages, proofs)
         proofs = self._with_storage(stages, proofs)
         proofs = self._with_lag_told_apart(stages, proofs)
@@ -204,6 +206,13 @@ class Course:
         again = stages.proved([] if held is None else [held], ())[0]
         accepted = {p.candidate.name: p for p in again if p.verdict != "rejected"}
         return [accepted.get(p.candidate.name, p) for p in proofs]
+
+    def _with_straight_laws(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
+        """All laws, with the gain and the offset that one without a bend is, where no law is accepted."""
+        if best_accepted(ranked(proofs)) is not None or self.options.is_over:
+            return proofs
+        untried = _untried(straight_laws(self.candidates, proofs), [proof.candidate for proof in proofs])
+        return proofs + stages.proved(stages.prepared(untried), ())[0]
 
     def _with_other_forms(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with the best one in other forms: its kink rounded otherwise, with fewer parameters, and

@@ -693,7 +693,11 @@ def _ratio(before: _Path, after: _Path) -> float:
     reference = before.stand.reference
     if reference is not None and reference.adds_up:
         return 1.0
-    ratios = error_ratios(before.stand.told.simulated, after.stand.told.simulated)
+    return _together(error_ratios(before.stand.told.simulated, after.stand.told.simulated))
+
+
+def _together(ratios: Sequence[float]) -> float:
+    """The rms of ratios of errors; 1 where none is known."""
     return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 1.0
 
 
@@ -703,9 +707,11 @@ def _label(step: Step) -> str:
 
 def _helps(before: FitResult, best: Proof) -> bool:
     """Whether unseen data are foreseen better at some horizon or likelier, or the simulation error on
-    validation data falls for some output and rises for none by as much."""
+    validation data falls for some output and rises for none by as much, or falls clearly for all together:
+    beside a second effect that is still missing, one of them may rise by a few per cent."""
     if "validation" not in before.simulated or "validation" not in best.told.simulated:
         return True
     ratios = error_ratios(before.simulated, best.told.simulated)
     falls = bool(ratios) and min(ratios) < GATES.max_round_ratio and max(ratios) < 1.0 / GATES.max_round_ratio
+    falls = falls or _together(ratios) <= GATES.max_clear_ratio
     return falls or any(is_better(one) for one in best.ahead) or is_likelier(best.confirmed)

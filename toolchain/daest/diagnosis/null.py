@@ -124,7 +124,7 @@ def fit_null(
     `diagnose-no-place` when no load would show in the outputs.
     """
     flat = near_given(flat)
-    places = load_places(flat, nodes)
+    places = load_places(flat, nodes) or load_places(under_recorded_inputs(flat, experiments), nodes)
     if not places:
         raise _no_place(flat, nodes)
     period = period_of(experiments)
@@ -190,6 +190,20 @@ def slowest_load(
         if fit.log_likelihood > free.fit.log_likelihood - GATES.min_load_gain:
             return limit
     return longest
+
+
+def under_recorded_inputs(flat: FlatModel, experiments: Sequence[Experiment]) -> FlatModel:
+    """The model whose inputs start at the medians of what is recorded of them. At rest, where they are zero,
+    a model may have no finite rate, or nothing that an output sees: a tyre on a drum that stands."""
+    recorded = np.nanmedian(np.concatenate([e.inputs for e in experiments]), axis=0)
+    medians = dict(zip(experiments[0].input_names, recorded.tolist(), strict=True))
+    return replace(
+        flat,
+        inputs=tuple(
+            replace(v, start=medians[v.name]) if np.isfinite(medians.get(v.name, np.nan)) else v
+            for v in flat.inputs
+        ),
+    )
 
 
 def near_given(flat: FlatModel) -> FlatModel:

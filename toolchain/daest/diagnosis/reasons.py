@@ -302,6 +302,9 @@ def _resting(u: np.ndarray, first: float, half: float) -> np.ndarray:
     return y
 
 
+NO_BEND = "the recordings show no bend of it"
+
+
 def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why a law that bends a signal at places along it, or everywhere, is not what its name says, where the
     recordings show it straight: a gain with an offset, which other parameters may be, too. Empty where it
@@ -309,10 +312,7 @@ def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
     bend = _bend(model, candidate, told) if bends(candidate) else None
     if bend is None or bend.rest >= GATES.absorbed_share * bend.size:
         return ""
-    return (
-        f"the recordings show no bend of it: it is a gain of {1.0 + bend.slope:.3g} and an offset of "
-        f"{bend.offset:.3g}"
-    )
+    return f"{NO_BEND}: it is a gain of {1.0 + bend.slope:.3g} and an offset of {bend.offset:.3g}"
 
 
 def same_in_machine(model: Null, candidate: Candidate, told: FitResult) -> str:

@@ -23,7 +23,8 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.late_signals import LAG
 from daest.diagnosis.null import Null, period_of
 from daest.diagnosis.proof import bic_gain
-from daest.diagnosis.reasons import unseen_scales
+from daest.diagnosis.ranking import most_likely
+from daest.diagnosis.reasons import NO_BEND, unseen_scales
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.trials import SHARPER, Prepared, Trial, with_kinks_bounded
@@ -49,6 +50,7 @@ MOST_SIMPLER = 2
 MOST_SHAPED = 2  # of the place of an accepted law, beside it
 MOST_ROUNDED = 2  # laws at other places
 ITERATIONS = 15
+STRAIGHT = ("Daest.Effects.Signals.Gain", "Daest.Effects.Signals.Offset")
 LAGS = (1.0, 10.0, 100.0)  # sampling periods, from which the size of a delay or lag is looked for
 BENT_LAGS = LAGS[:2]  # the same where every run takes longer
 DETECTABLE_SHARES = (10.0, 100.0)  # of the size that the screen would see, for storage
@@ -520,6 +522,19 @@ def shortest_lag(proofs: Sequence[Proof]) -> Proof | None:
         return None
     others = [p.delta_bic for p in short if p is not best and p.candidate.site != best.candidate.site]
     return best if best.delta_bic >= max(others, default=0.0) + GATES.min_bic_gain else None
+
+
+def straight_laws(candidates: Sequence[Candidate], proofs: Sequence[Proof]) -> list[Trial]:
+    """A gain and an offset where the likeliest of all laws is refused since it bends nothing: the screen
+    leaves out what refitted parameters do nearly all of, and what they cannot do of it may say most."""
+    best = most_likely(proofs)
+    if best is None or best.verdict != "rejected" or not best.reason.startswith(NO_BEND):
+        return []
+    return [
+        Trial(one, tuple(one.effect.null_values.values()), ())
+        for one in candidates
+        if one.effect.class_name in STRAIGHT and one.site == best.candidate.site
+    ]
 
 
 def told_apart(lag: Proof, dead_times: Sequence[Proof]) -> Proof:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -185,7 +185,8 @@ def fit_initial_states(
         return minimise(objective(short), states, lower[n:], upper[n:], INITIAL_ITERATIONS, enough)
 
     longest = max(e.n_samples for e in problem.experiments)
-    states = _likelier(problem, z, as_measured(problem, z, lower, upper))
+    shown = [as_measured(problem, z, lower, upper, sizes) for sizes in _sizes_of_outputs(problem)]
+    states = _likeliest(problem, z, shown)
     ends = [found_over(FIRST_LENGTH, states)]
     grown_lengths = [length for length in GROWN_LENGTHS if length < longest]
     for length in grown_lengths:
@@ -198,18 +199,37 @@ def fit_initial_states(
     return z if best is None else np.concatenate([z[:n], best.z])
 
 
+def _sizes_of_outputs(problem: TrajectoryProblem) -> list[np.ndarray]:
+    """Their rms and, where one goes on and on, that of their steps between samples, each (n_y,). Beside an
+    angle of a hundred turns half a turn is nothing, and what hangs on a stiff spring is millions."""
+    steps = [np.diff(e.outputs, axis=0) for e in problem.experiments]
+    known = [np.where(np.isfinite(one), one, 0.0) for one in steps]
+    counts = np.maximum(sum(np.isfinite(one).sum(axis=0) for one in steps), 1)
+    moved = np.sqrt(sum((one**2).sum(axis=0) for one in known) / counts)
+    sizes = problem.output_sizes
+    goes_on = moved < FIT.shown_at_once * sizes
+    if not np.any(goes_on) or np.any(moved == 0.0):
+        return [sizes]
+    return [sizes, moved]
+
+
 def as_measured(
-    problem: TrajectoryProblem, z: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    problem: TrajectoryProblem,
+    z: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    sizes: np.ndarray,
 ) -> np.ndarray:
     """Initial states within bounds that the first samples of each experiment show, those that these do not
-    show as in z: of one sample, then of windows that grow, every output in its own size. Shapes: z, lower and
-    upper (n_z,); the initial states (n_experiments * n_states,), in the scales of the problem."""
+    show as in z: of one sample, then of windows that grow, every output in its own size of `sizes` (n_y,).
+    Shapes: z, lower and upper (n_z,); the initial states (n_experiments * n_states,), in the scales of the
+    problem."""
     n = len(problem.unknowns.coordinates)
     states = z[n:]
     for length in MEASURED_LENGTHS:
         heads = tuple(part_of(e, 0, length) for e in problem.experiments)
         short = replace(problem, experiments=heads).held_at(z)
-        states = _nearest(short, problem.output_sizes, states, lower[n:], upper[n:])
+        states = _nearest(short, sizes, states, lower[n:], upper[n:])
     return states
 
 
@@ -244,17 +264,21 @@ def _nearest(
     return begun
 
 
-def _likelier(problem: TrajectoryProblem, z: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """The initial states or those of z (n_z,), whichever make the first samples likelier; both
-    (n_experiments * n_states,)."""
+def _likeliest(problem: TrajectoryProblem, z: np.ndarray, shown: Sequence[np.ndarray]) -> np.ndarray:
+    """The initial states, of those of z (n_z,) and those that are `shown`, that make the first samples
+    likeliest; all (n_experiments * n_states,)."""
     given = z[len(problem.unknowns.coordinates) :]
-    if states is given:
+    others = [states for states in shown if states is not given]
+    if not others:
         return given
     heads = tuple(part_of(e, 0, FIRST_LENGTH) for e in problem.experiments)
     likelihood = objective(replace(problem, experiments=heads).held_at(z))
-    here, there = (likelihood(start, False) for start in (given, states))
-    is_likelier = there is not None and (here is None or there.value < here.value)
-    return states if is_likelier else given
+    made = [(likelihood(states, False), states) for states in (given, *others)]
+    return min(
+        ((one.value, states) for one, states in made if one is not None),
+        key=lambda pair: pair[0],
+        default=(0.0, given),
+    )[1]
 
 
 def begun_best(

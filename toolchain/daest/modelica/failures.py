@@ -318,6 +318,9 @@ _RESERVED = re.compile(
 )
 
 
+_KINDS = ("class", "model", "block", "package", "function", "record", "connector", "type")
+
+
 def syntax_fault(path: Path, text: bytes) -> ModelError | None:
     """The first place where the text is no Modelica, if there is one."""
     strange = next((token for token in tokens(text) if token.kind == "other" and token.text > "~"), None)
@@ -332,6 +335,9 @@ def syntax_fault(path: Path, text: bytes) -> ModelError | None:
     for diagnostic in _diagnostics(path, text):
         if diagnostic.rule != "syntax-error":
             continue
+        reserved_class = _reserved_class(text)
+        if reserved_class is not None:
+            return _reserved_fault(reserved_class, place_of(str(path), text, reserved_class.start))
         shown = diagnostic.message
         position = _POSITION.search(shown)
         where = Place(str(path))
@@ -348,6 +354,30 @@ def syntax_fault(path: Path, text: bytes) -> ModelError | None:
             remedy = f"`{reserved}` is a word of the language and cannot name anything: write `{reserved}_`."
         return ModelError("model-syntax", said, where=where, remedy=remedy)
     return None
+
+
+def _reserved_class(text: bytes) -> Token | None:
+    """The reserved word by which a class is declared (`function flow`), if there is one. The parser stumbles
+    over the word before it, or far behind it. `model extends M` is Modelica."""
+    found = list(tokens(text))
+    return next(
+        (
+            word
+            for kind, word in pairwise(found)
+            if kind.kind == "name" and kind.text in _KINDS and _RESERVED.fullmatch(word.text)
+            if word.text not in {"extends", *_KINDS}
+        ),
+        None,
+    )
+
+
+def _reserved_fault(word: Token, where: Place) -> ModelError:
+    return ModelError(
+        "model-syntax",
+        f"unexpected `{word.text}`",
+        where=where,
+        remedy=f"`{word.text}` is a word of the language and cannot name anything: write `{word.text}_`.",
+    )
 
 
 def _reserved_name(said: str, text: bytes, where: Place) -> str:

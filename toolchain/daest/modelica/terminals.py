@@ -13,6 +13,8 @@ from daest.modelica.factors import given_value, is_of_parameters
 from daest.quantities import is_of
 
 CURRENT, VOLTAGE = "A", "V"
+_SEED, _POINTS, _DECADES = 20040101, 20, 6.0  # at which other variables change a resistance
+_CONSTANT_PART = 0.01  # share of a resistance that is left whatever the size of what changes it; judgement
 
 
 @dataclass(frozen=True)
@@ -32,8 +34,8 @@ class Terminal:
 
 
 def terminals(flat: FlatModel) -> list[Terminal]:
-    """Outputs in volts that an input in amperes moves at once, by a constant resistance: that tells which way
-    the current flows."""
+    """Outputs in volts that an input in amperes moves at once, by a resistance that is constant or has one
+    sign wherever the machine is: that tells which way the current flows."""
     voltages = [j for j, y in enumerate(flat.outputs) if is_of(y.unit, VOLTAGE)]
     currents = [k for k, x in enumerate(flat.inputs) if voltages and is_of(x.unit, CURRENT)]
     found = [_terminal(flat, j, k) for j in voltages for k in currents]
@@ -42,10 +44,24 @@ def terminals(flat: FlatModel) -> list[Terminal]:
 
 def _terminal(flat: FlatModel, output: int, current: int) -> Terminal | None:
     slope = ca.jacobian(_solved(flat, output), flat.u[current])
-    if not is_of_parameters(flat, slope):
-        return None
-    value = given_value(flat, slope)
-    return Terminal(output, current, float(np.sign(value))) if value else None
+    constant = is_of_parameters(flat, slope)
+    sign = np.sign(given_value(flat, slope)) if constant else _sign(flat, slope)
+    return Terminal(output, current, float(sign)) if sign else None
+
+
+def _sign(flat: FlatModel, slope: ca.SX) -> float:
+    """That of a resistance which other variables than the current change (the flow of an electrolyte, a state
+    of charge), where it is the same for all their sizes, these being positive, and none makes it vanish: it
+    has a constant part; 0 else."""
+    if ca.depends_on(slope, ca.vertcat(flat.derivatives, flat.w, flat.time)):
+        return 0.0
+    evaluate = ca.Function("slope", [flat.xi, flat.u, flat.theta], [slope])
+    rng = np.random.default_rng(_SEED)
+    sizes = [[rng.uniform(-_DECADES, _DECADES, x.numel()) for x in (flat.xi, flat.u)] for _ in range(_POINTS)]
+    points = [[np.zeros(x.numel()) for x in (flat.xi, flat.u)], *sizes]
+    values = np.array([float(evaluate(10.0**xi, 10.0**u, flat.theta_values)) for xi, u in points])
+    sign = float(np.sign(values[0]))
+    return sign if np.all(sign * values > _CONSTANT_PART * abs(values[0])) else 0.0
 
 
 def _solved(flat: FlatModel, output: int) -> ca.SX:
