@@ -2,8 +2,7 @@
 
 Integrals come from exponentials of block matrices (Van Loan 1978). The covariance integral is formed over
 a short step and doubled, because e^(-A t), which Van Loan's block holds, overflows for stiff models over
-long periods. Derivatives are those of the approximation itself, all directions at once: of the series and its
-doublings for the integrals, of Padé's for L(M, dM), the derivative of e^M (Al-Mohy and Higham 2009).
+long periods. Derivatives use L(M, dM), the upper right block of exp([[M, dM], [0, M]]), which is exact.
 """
 
 from __future__ import annotations
@@ -17,13 +16,11 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 from numpy.polynomial import chebyshev
-from scipy.linalg import expm, lapack, lu_factor, lu_solve
+from scipy.linalg import expm, lapack
 from scipy.linalg.lapack import dpstrf
 
 SHORT_STEP_NORM = 0.5  # ‖A h‖₁ up to which Van Loan's block is evaluated directly, before doubling
 LARGE = 100  # states from which on series and doublings of the parts replace exponentials of block matrices
-PADE_NORM = 4.74  # ‖M‖₁ up to which the derivative of Padé's approximation is exact to rounding
-PADE = tuple(float(math.comb(13, j) * math.factorial(26 - j)) for j in range(14))  # its coefficients
 TERMS = 16  # of the series at ‖A h‖₁ = SHORT_STEP_NORM: the next is 1e-19
 LONGEST_REACH = 2.0  # |A| times what a period differs by, up to which a series takes it from one to the other
 MOST_PARTS = 8  # in which near periods are taken so: with more, exponentials of each cost as little
@@ -80,15 +77,17 @@ def transition_integral_derivatives(
     and NaN where A is not finite."""
     if not np.all(np.isfinite(A)):
         return _packed([np.full(dA.shape, np.nan) for _ in range(count + 1)])
-    scaled, size = balanced(A)
-    change = _doubled_derivatives(scaled, dA * size / size[:, None], period, count)
-    return _in_units(change, size)
+    n, (scaled, size) = A.shape[0], balanced(A)
+    direction = np.zeros((dA.shape[0], (count + 1) * n, (count + 1) * n))
+    direction[:, :n, :n] = dA * size / size[:, None] * period
+    change = _frechet(_augmented(scaled * period, count), direction)
+    return _in_units(_unpack(change, n, period, count), size)
 
 
 @dataclass(frozen=True)
 class Beside:
-    """e^(A T) for many periods T near one: e^(M (1 + δ)) = Σ δ^j e^M M^j / j! with the block M of
-    `_augmented`, a short series."""
+    """e^(A T) for many periods T near one: e^(M (1 + δ)) = e^M e^(M δ) with the block M of `_augmented`, and
+    the series of the second factor is short."""
 
     A: np.ndarray  # (n, n), balanced, times the middle period
     size: np.ndarray  # (n,) of the states
@@ -98,28 +97,27 @@ class Beside:
 
     def integrals(self) -> TransitionIntegrals:
         """As `transition_integrals`, every field (k, n, n)."""
-        return self._unpacked(self._summed(self._whole @ self._terms))
+        return self._unpacked(self._whole @ self._factors)
 
     def derivatives(self, dA: np.ndarray) -> TransitionIntegrals:
         """As `transition_integral_derivatives` for dA (p, n, n), every field (k, p, n, n)."""
-        moved = dA * self.size / self.size[:, None] * self.period
-        parts = _doubled_derivatives(self.A, moved, 1.0, self.count)
-        row = [part / math.factorial(max(p - 1, 0)) for p, part in enumerate(parts)]
-        changes, n = [np.concatenate(row, axis=2)], self.A.shape[0]
-        # Of the rows e^M M^j / j!, each from the one before.
-        for j, term in enumerate(self._whole @ self._terms[:-1], start=1):
-            change = changes[-1] @ self._block
-            change[..., :n] += term[:, :n] @ moved
-            changes.append(change / j)
-        return self._unpacked(self._summed(np.array(changes)))
+        n, m, p = self.A.shape[0], self._block.shape[0], dA.shape[0]
+        direction = np.zeros((p, m, m))
+        direction[:, :n, :n] = dA * self.size / self.size[:, None] * self.period
+        changes = [np.zeros((p, m, m))]
+        for j, term in enumerate(self._terms[:-1], start=1):
+            changes.append((changes[-1] @ self._block + term @ direction) / j)
+        change = (self._powers @ np.array(changes).reshape(len(changes), -1)).reshape(-1, p, m, m)
+        first = _frechet(self._block, direction)[:, :n]
+        return self._unpacked(first @ self._factors[:, None] + self._whole @ change)
 
     def covariances(self, Q: np.ndarray) -> np.ndarray:
         """`covariance_integral` of Q (n, n) over every period, (k, n, n): what the middle one has, and what
         the series adds, Σ δ^(j+1)/(j+1)! Lʲ(Q) with L(X) = A X + X Aᵀ, carried on by Φ of the middle one."""
         inner = Q / np.outer(self.size, self.size)
         middle = _covariance_by_doubling(self._rates, inner, self.period)
-        carried = self._transition @ np.array(self._series(inner)) @ self._transition.T
-        return self._covariance_in_units(middle + self._of_series(carried))
+        grown = self._of_series(np.array(self._series(inner)))
+        return self._covariance_in_units(middle + self._transition @ grown @ self._transition.T)
 
     def covariance_derivatives(self, Q: np.ndarray, dA: np.ndarray, dQ: np.ndarray) -> np.ndarray:
         """`covariance_integral_derivatives` in the directions (dA, dQ), both (p, n, n), over every period,
@@ -134,9 +132,11 @@ class Beside:
             half = (moved @ term + self.A @ changes[-1]) / (j + 1)
             changes.append(half + _transposed(half))
         dtransition = _frechet(self.A, moved)
-        half = dtransition @ np.array(series)[:, None] @ self._transition.T
-        carried = half + _transposed(half) + self._transition @ np.array(changes) @ self._transition.T
-        return self._covariance_in_units(middle + self._of_series(carried))
+        grown = self._of_series(np.array(series))[:, None]
+        dgrown = self._of_series(np.array(changes))
+        half = dtransition @ grown @ self._transition.T
+        change = half + _transposed(half) + self._transition @ dgrown @ self._transition.T
+        return self._covariance_in_units(middle + change)
 
     def _series(self, Q: np.ndarray) -> list[np.ndarray]:
         """Lʲ(Q) / (j + 1)! in units of the middle period, as many as `_terms` has."""
@@ -148,11 +148,7 @@ class Beside:
 
     def _of_series(self, terms: np.ndarray) -> np.ndarray:
         """Their sums (k, ...) over the relative differences of the periods."""
-        return self._summed(terms, self._powers * (self.relative - 1.0)[:, None])
-
-    def _summed(self, terms: np.ndarray, powers: np.ndarray | None = None) -> np.ndarray:
-        """Sums (k, ...) of the `terms` (j, ...) times δ^j, or other `powers` (k, j)."""
-        powers = self._powers if powers is None else powers
+        powers = self._powers * (self.relative - 1.0)[:, None]
         return np.asarray(powers @ terms.reshape(len(terms), -1)).reshape(-1, *terms.shape[1:])
 
     def _covariance_in_units(self, covariance: np.ndarray) -> np.ndarray:
@@ -189,6 +185,12 @@ class Beside:
     @cached_property
     def _powers(self) -> np.ndarray:
         return np.asarray((self.relative - 1.0)[:, None] ** np.arange(len(self._terms)))
+
+    @cached_property
+    def _factors(self) -> np.ndarray:
+        """e^(M δ), (k, m, m)."""
+        flat = self._powers @ self._terms.reshape(len(self._terms), -1)
+        return flat.reshape(-1, *self._block.shape)
 
     def _unpacked(self, top: np.ndarray) -> TransitionIntegrals:
         """Of rows of blocks (k, ..., n, m) in units of the middle period."""
@@ -360,46 +362,6 @@ def _doubled_integrals(A: np.ndarray, period: float, count: int) -> list[np.ndar
     return [transition, *(whole / period**p for p, whole in enumerate(found))]
 
 
-def _doubled_derivatives(A: np.ndarray, dA: np.ndarray, period: float, count: int) -> list[np.ndarray]:
-    """Derivatives (p, n, n) of `_doubled_integrals` in the directions dA (p, n, n)."""
-    doublings, step = _doublings(A, period)
-    phis, dphis = _phi_derivatives(A * step, dA * step, count)
-    found = [math.factorial(p) * step ** (p + 1) * phi for p, phi in enumerate(phis)]
-    changes = [math.factorial(p) * step ** (p + 1) * dphi for p, dphi in enumerate(dphis)]
-    transition = np.eye(A.shape[0]) + A @ found[0]
-    dtransition = dA @ found[0] + A @ changes[0]
-    for _ in range(doublings):
-        shares = [[math.comb(p, k) * step ** (p - k) for k in range(p + 1)] for p in range(count)]
-        changes = [
-            dtransition @ found[p] + transition @ changes[p] + sum(s * changes[k] for k, s in enumerate(own))
-            for p, own in enumerate(shares)
-        ]
-        found = [
-            transition @ found[p] + sum(s * found[k] for k, s in enumerate(own))
-            for p, own in enumerate(shares)
-        ]
-        dtransition = dtransition @ transition + transition @ dtransition
-        transition = transition @ transition
-        step *= 2.0
-    return [dtransition, *(change / period**p for p, change in enumerate(changes))]
-
-
-def _phi_derivatives(
-    At: np.ndarray, dAt: np.ndarray, count: int
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """φ_p of a small M (n, n) for p = 1 … count, and their derivatives (p, n, n) in the directions dM."""
-    n = At.shape[0]
-    last, change = np.zeros((n, n)), np.zeros(dAt.shape)
-    for k in range(TERMS, count - 1, -1):  # Horner, as `_phi`
-        change = (dAt @ last + At @ change) / k
-        last = (np.eye(n) + At @ last) / k
-    found, changes = [last / math.factorial(count - 1)], [change / math.factorial(count - 1)]
-    for p in range(count - 1, 0, -1):
-        changes.insert(0, dAt @ found[0] + At @ changes[0])
-        found.insert(0, np.eye(n) / math.factorial(p) + At @ found[0])
-    return found, changes
-
-
 def _phi(At: sp.csr_array, n: int, count: int = STRAIGHT) -> list[np.ndarray]:
     """φ_p = Σ M^k / (k+p)! of a small M (n, n) for p = 1 … count."""
     last = np.zeros((n, n))
@@ -480,56 +442,32 @@ def _van_loan(A: np.ndarray, Q: np.ndarray, step: float) -> np.ndarray:
     return block
 
 
-def _doublings(A: np.ndarray, period: float, norm: float = SHORT_STEP_NORM) -> tuple[int, float]:
-    """Number of doublings, and the short step [s] that they start from: ‖A h‖₁ is at most the `norm`."""
+def _doublings(A: np.ndarray, period: float) -> tuple[int, float]:
+    """Number of doublings, and the short step [s] that they start from."""
     size = float(np.linalg.norm(A, 1)) if A.size else 0.0
     if size == 0.0:
         return 0, period
     # Logarithms: the product of an absurd rate and a long period is beyond the largest double.
-    power = math.log2(min(size, sys.float_info.max)) + math.log2(period / norm)
+    power = math.log2(min(size, sys.float_info.max)) + math.log2(period / SHORT_STEP_NORM)
     doublings = max(0, math.ceil(power))
     return doublings, math.ldexp(period, -doublings)
 
 
 def _frechet(M: np.ndarray, dM: np.ndarray) -> np.ndarray:
     """L(M, dM) for every direction dM (p, m, m). Zero directions cost nothing."""
-    result = np.zeros(dM.shape)
+    p, m = dM.shape[0], M.shape[0]
+    result = np.zeros((p, m, m))
     active = np.flatnonzero(np.any(dM != 0.0, axis=(1, 2)))
     if active.size:
-        result[active] = _pade_derivative(M, dM[active])
+        # L is linear in dM: directions are brought to the size of M, so that scaling does not depend on
+        # units.
+        size = np.linalg.norm(dM[active], axis=(1, 2)) / (np.linalg.norm(M) or 1.0)
+        block = np.zeros((active.size, 2 * m, 2 * m))
+        block[:, :m, :m] = M
+        block[:, m:, m:] = M
+        block[:, :m, m:] = dM[active] / size[:, None, None]
+        result[active] = expm(block)[:, :m, m:] * size[:, None, None]
     return result
-
-
-def _pade_derivative(M: np.ndarray, dM: np.ndarray) -> np.ndarray:
-    """L(M, dM) for the directions dM (p, m, m): Padé's approximation of order 13 with its derivative, and
-    squarings of both (Al-Mohy and Higham 2009, algorithm 6.4)."""
-    m = M.shape[0]
-    squarings, scale = _doublings(M, 1.0, PADE_NORM)
-    A, dA = M * scale, dM * scale
-    A2, dA2 = A @ A, A @ dA + dA @ A
-    A4, dA4 = A2 @ A2, A2 @ dA2 + dA2 @ A2
-    A6, dA6 = A2 @ A4, A2 @ dA4 + dA2 @ A4
-    eye = np.eye(m)
-
-    def polynomial(parity: int) -> tuple[np.ndarray, np.ndarray]:
-        """Σ b_j A^(j - parity) over the j of one parity, with its derivatives."""
-        b = PADE[parity::2]
-        inner, dinner = b[6] * A6 + b[5] * A4 + b[4] * A2, b[6] * dA6 + b[5] * dA4 + b[4] * dA2
-        outer, douter = b[3] * A6 + b[2] * A4 + b[1] * A2 + b[0] * eye, b[3] * dA6 + b[2] * dA4 + b[1] * dA2
-        return A6 @ inner + outer, A6 @ dinner + dA6 @ inner + douter
-
-    even, deven = polynomial(0)
-    rest, drest = polynomial(1)
-    odd, dodd = A @ rest, A @ drest + dA @ rest
-    factors = lu_factor(even - odd, check_finite=False)
-    found = lu_solve(factors, even + odd, check_finite=False)
-    right = deven + dodd + (dodd - deven) @ found
-    columns = np.swapaxes(right, 0, 1).reshape(m, -1)
-    change = np.swapaxes(lu_solve(factors, columns, check_finite=False).reshape(m, -1, m), 0, 1)
-    for _ in range(squarings):
-        change = change @ found + found @ change
-        found = found @ found
-    return np.ascontiguousarray(change)
 
 
 def _transposed(matrix: np.ndarray) -> np.ndarray:
