@@ -21,6 +21,9 @@ from scipy.linalg.lapack import dpstrf
 
 SHORT_STEP_NORM = 0.5  # ‖A h‖₁ up to which Van Loan's block is evaluated directly, before doubling
 LARGE = 100  # states from which on series and doublings of the parts replace exponentials of block matrices
+MANY = (
+    20  # states from which on they do so for derivatives, of which each takes a matrix of six times the size
+)
 TERMS = 16  # of the series at ‖A h‖₁ = SHORT_STEP_NORM: the next is 1e-19
 LONGEST_REACH = 2.0  # |A| times what a period differs by, up to which a series takes it from one to the other
 MOST_PARTS = 8  # in which near periods are taken so: with more, exponentials of each cost as little
@@ -78,6 +81,8 @@ def transition_integral_derivatives(
     if not np.all(np.isfinite(A)):
         return _packed([np.full(dA.shape, np.nan) for _ in range(count + 1)])
     n, (scaled, size) = A.shape[0], balanced(A)
+    if n >= MANY:
+        return _in_units(_doubled_derivatives(scaled, dA * size / size[:, None], period, count), size)
     direction = np.zeros((dA.shape[0], (count + 1) * n, (count + 1) * n))
     direction[:, :n, :n] = dA * size / size[:, None] * period
     change = _frechet(_augmented(scaled * period, count), direction)
@@ -86,8 +91,8 @@ def transition_integral_derivatives(
 
 @dataclass(frozen=True)
 class Beside:
-    """e^(A T) for many periods T near one: e^(M (1 + δ)) = e^M e^(M δ) with the block M of `_augmented`, and
-    the series of the second factor is short."""
+    """e^(A T) for many periods T near one: e^(M (1 + δ)) = Σ δ^j e^M M^j / j! with the block M of
+    `_augmented`, a short series."""
 
     A: np.ndarray  # (n, n), balanced, times the middle period
     size: np.ndarray  # (n,) of the states
@@ -97,27 +102,28 @@ class Beside:
 
     def integrals(self) -> TransitionIntegrals:
         """As `transition_integrals`, every field (k, n, n)."""
-        return self._unpacked(self._whole @ self._factors)
+        return self._unpacked(self._summed(self._whole @ self._terms))
 
     def derivatives(self, dA: np.ndarray) -> TransitionIntegrals:
         """As `transition_integral_derivatives` for dA (p, n, n), every field (k, p, n, n)."""
-        n, m, p = self.A.shape[0], self._block.shape[0], dA.shape[0]
-        direction = np.zeros((p, m, m))
-        direction[:, :n, :n] = dA * self.size / self.size[:, None] * self.period
-        changes = [np.zeros((p, m, m))]
-        for j, term in enumerate(self._terms[:-1], start=1):
-            changes.append((changes[-1] @ self._block + term @ direction) / j)
-        change = (self._powers @ np.array(changes).reshape(len(changes), -1)).reshape(-1, p, m, m)
-        first = _frechet(self._block, direction)[:, :n]
-        return self._unpacked(first @ self._factors[:, None] + self._whole @ change)
+        moved = dA * self.size / self.size[:, None] * self.period
+        parts = _doubled_derivatives(self.A, moved, 1.0, self.count)
+        row = [part / math.factorial(max(p - 1, 0)) for p, part in enumerate(parts)]
+        changes, n = [np.concatenate(row, axis=2)], self.A.shape[0]
+        # Of the rows e^M M^j / j!, each from the one before.
+        for j, term in enumerate(self._whole @ self._terms[:-1], start=1):
+            change = changes[-1] @ self._block
+            change[..., :n] += term[:, :n] @ moved
+            changes.append(change / j)
+        return self._unpacked(self._summed(np.array(changes)))
 
     def covariances(self, Q: np.ndarray) -> np.ndarray:
         """`covariance_integral` of Q (n, n) over every period, (k, n, n): what the middle one has, and what
         the series adds, Σ δ^(j+1)/(j+1)! Lʲ(Q) with L(X) = A X + X Aᵀ, carried on by Φ of the middle one."""
         inner = Q / np.outer(self.size, self.size)
         middle = _covariance_by_doubling(self._rates, inner, self.period)
-        grown = self._of_series(np.array(self._series(inner)))
-        return self._covariance_in_units(middle + self._transition @ grown @ self._transition.T)
+        carried = self._transition @ np.array(self._series(inner)) @ self._transition.T
+        return self._covariance_in_units(middle + self._of_series(carried))
 
     def covariance_derivatives(self, Q: np.ndarray, dA: np.ndarray, dQ: np.ndarray) -> np.ndarray:
         """`covariance_integral_derivatives` in the directions (dA, dQ), both (p, n, n), over every period,
@@ -132,11 +138,9 @@ class Beside:
             half = (moved @ term + self.A @ changes[-1]) / (j + 1)
             changes.append(half + _transposed(half))
         dtransition = _frechet(self.A, moved)
-        grown = self._of_series(np.array(series))[:, None]
-        dgrown = self._of_series(np.array(changes))
-        half = dtransition @ grown @ self._transition.T
-        change = half + _transposed(half) + self._transition @ dgrown @ self._transition.T
-        return self._covariance_in_units(middle + change)
+        half = dtransition @ np.array(series)[:, None] @ self._transition.T
+        carried = half + _transposed(half) + self._transition @ np.array(changes) @ self._transition.T
+        return self._covariance_in_units(middle + self._of_series(carried))
 
     def _series(self, Q: np.ndarray) -> list[np.ndarray]:
         """Lʲ(Q) / (j + 1)! in units of the middle period, as many as `_terms` has."""
@@ -148,7 +152,11 @@ class Beside:
 
     def _of_series(self, terms: np.ndarray) -> np.ndarray:
         """Their sums (k, ...) over the relative differences of the periods."""
-        powers = self._powers * (self.relative - 1.0)[:, None]
+        return self._summed(terms, self._powers * (self.relative - 1.0)[:, None])
+
+    def _summed(self, terms: np.ndarray, powers: np.ndarray | None = None) -> np.ndarray:
+        """Sums (k, ...) of the `terms` (j, ...) times δ^j, or other `powers` (k, j)."""
+        powers = self._powers if powers is None else powers
         return np.asarray(powers @ terms.reshape(len(terms), -1)).reshape(-1, *terms.shape[1:])
 
     def _covariance_in_units(self, covariance: np.ndarray) -> np.ndarray:
@@ -185,12 +193,6 @@ class Beside:
     @cached_property
     def _powers(self) -> np.ndarray:
         return np.asarray((self.relative - 1.0)[:, None] ** np.arange(len(self._terms)))
-
-    @cached_property
-    def _factors(self) -> np.ndarray:
-        """e^(M δ), (k, m, m)."""
-        flat = self._powers @ self._terms.reshape(len(self._terms), -1)
-        return flat.reshape(-1, *self._block.shape)
 
     def _unpacked(self, top: np.ndarray) -> TransitionIntegrals:
         """Of rows of blocks (k, ..., n, m) in units of the middle period."""
@@ -360,6 +362,46 @@ def _doubled_integrals(A: np.ndarray, period: float, count: int) -> list[np.ndar
         transition = transition @ transition
         step *= 2.0
     return [transition, *(whole / period**p for p, whole in enumerate(found))]
+
+
+def _doubled_derivatives(A: np.ndarray, dA: np.ndarray, period: float, count: int) -> list[np.ndarray]:
+    """Derivatives (p, n, n) of `_doubled_integrals` in the directions dA (p, n, n)."""
+    doublings, step = _doublings(A, period)
+    phis, dphis = _phi_derivatives(A * step, dA * step, count)
+    found = [math.factorial(p) * step ** (p + 1) * phi for p, phi in enumerate(phis)]
+    changes = [math.factorial(p) * step ** (p + 1) * dphi for p, dphi in enumerate(dphis)]
+    transition = np.eye(A.shape[0]) + A @ found[0]
+    dtransition = dA @ found[0] + A @ changes[0]
+    for _ in range(doublings):
+        shares = [[math.comb(p, k) * step ** (p - k) for k in range(p + 1)] for p in range(count)]
+        changes = [
+            dtransition @ found[p] + transition @ changes[p] + sum(s * changes[k] for k, s in enumerate(own))
+            for p, own in enumerate(shares)
+        ]
+        found = [
+            transition @ found[p] + sum(s * found[k] for k, s in enumerate(own))
+            for p, own in enumerate(shares)
+        ]
+        dtransition = dtransition @ transition + transition @ dtransition
+        transition = transition @ transition
+        step *= 2.0
+    return [dtransition, *(change / period**p for p, change in enumerate(changes))]
+
+
+def _phi_derivatives(
+    At: np.ndarray, dAt: np.ndarray, count: int
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """φ_p of a small M (n, n) for p = 1 … count, and their derivatives (p, n, n) in the directions dM."""
+    n = At.shape[0]
+    last, change = np.zeros((n, n)), np.zeros(dAt.shape)
+    for k in range(TERMS, count - 1, -1):  # Horner, as `_phi`
+        change = (dAt @ last + At @ change) / k
+        last = (np.eye(n) + At @ last) / k
+    found, changes = [last / math.factorial(count - 1)], [change / math.factorial(count - 1)]
+    for p in range(count - 1, 0, -1):
+        changes.insert(0, dAt @ found[0] + At @ changes[0])
+        found.insert(0, np.eye(n) / math.factorial(p) + At @ found[0])
+    return found, changes
 
 
 def _phi(At: sp.csr_array, n: int, count: int = STRAIGHT) -> list[np.ndarray]:
