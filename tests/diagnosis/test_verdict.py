@@ -128,6 +128,16 @@ def test_loads_that_no_observer_follows_are_not_nothing():
     assert found.name == "unknown effect" and found.is_by_colour
 
 
+def test_laws_that_would_have_shown_are_different_ones():
+    """One law at four places that the sensors see alike had been all of them."""
+    laws = pairs(some_effects("CoulombFriction", "QuadraticDrag"), sites(model()))
+    entries = tuple(Screened(one, 1.0, (0.1,), 0.5, False, 0.02) for one in laws)
+    screen = Screen(entries, np.eye(len(entries)), 0.5, len(entries), ())
+    found = decide(replace(evidence(p_value=0.5, gain=0.0), screen=screen))
+    assert len(entries) > 2 and found.name == "nothing missing"
+    assert found.message.count("CoulombFriction") == found.message.count("QuadraticDrag") == 1
+
+
 def test_the_output_is_named_of_which_a_law_removes_most():
     def with_current(told, rms):
         both = Agreement({"i": 90.0, **told.simulated["validation"].fit_percent}, {"i": rms, "phi": 1.0})

@@ -318,8 +318,15 @@ def passed(t, x, limit):
 
 @pytest.mark.parametrize(
     ("text", "name", "motion"),
-    [(DRIVE, "i", driven), (RUDDER, "rate", turned), (GATE, "gate", fed), (FILTER, "a", passed)],
-    ids=["current", "rate", "gate", "stage of a filter"],
+    [
+        (DRIVE, "i", driven),
+        (RUDDER, "rate", turned),
+        (GATE, "gate", fed),
+        (FILTER, "a", passed),
+        (FILTER.replace('(unit = "s")', ""), "a", passed),
+        (FILTER.replace("*T*der(y)", "*0.2*der(y)").replace("T*der(a)", "0.2*der(a)"), "a", passed),
+    ],
+    ids=["current", "rate", "gate", "stage of a filter", "time without a unit", "time as a number"],
 )
 def test_what_an_actuator_gives_may_have_a_limit_and_no_other_law(tmp_path, text, name, motion):
     """Friction beside a limit of the current had been a curve over a force."""

@@ -675,9 +675,9 @@ def _nothing(evidence: Evidence) -> Decided:
     smallest: dict[str, str] = {}
     for entry in seen:
         size = entry.candidate.effect.sizes[0]
-        label = f"{entry.candidate.effect.name} at {entry.candidate.site.name}"
+        law, label = entry.candidate.effect.name, entry.candidate.label
         unit = "" if entry.candidate.size_unit == "1" else entry.candidate.size_unit
-        smallest.setdefault(label, f"{label} from {size.name} = {entry.detectable:.2g} {unit}".rstrip())
+        smallest.setdefault(law, f"{label} from {size.name} = {entry.detectable:.2g} {unit}".rstrip())
     shown = "; ".join(list(smallest.values())[:4])
     if _is_blind(seen):
         return Decided(

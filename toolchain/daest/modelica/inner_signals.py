@@ -79,12 +79,22 @@ def inner_signals(
 
 
 def is_lag(flat: FlatModel, row: int, variable: int) -> bool:
-    """Whether a row is `T*der(x) = … - x` with a time T of parameters."""
+    """Whether a row is `T*der(x) = … - x` with a time T of parameters, or a plain number."""
     equation = flat.residual[row]
     own, rate = (ca.jacobian(equation, of[variable]) for of in (flat.xi, flat.derivatives))
-    return (
-        bool(own.nnz()) and is_of_parameters(flat, ca.vertcat(own, rate)) and has_unit(flat, rate / own, "s")
-    )
+    if not own.nnz() or not is_of_parameters(flat, ca.vertcat(own, rate)):
+        return False
+    is_plain = not ca.symvar(own) and not _units_in(flat, rate)
+    return is_plain or has_unit(flat, rate / own, "s")
+
+
+def _units_in(flat: FlatModel, expression: ca.SX) -> list[str]:
+    """Units of the parameters in an expression, those that have one."""
+    return [
+        p.unit
+        for p, symbol in zip(flat.parameters, ca.vertsplit(flat.theta), strict=True)
+        if p.unit and ca.depends_on(expression, symbol)
+    ]
 
 
 def _outputs_of_blocks(flat: FlatModel) -> set[str]:
