@@ -393,6 +393,7 @@ def test_step_whose_sizes_another_fit_does_not_determine_says_so(is_known):
     [
         ((0.208, 2.85), (0.029, 2.91), True),  # the second output waits for another effect
         ((0.208, 2.85), (0.195, 2.91), False),
+        ((0.208, 2.85), (0.029, 3.4), False),  # which it makes worse
         ((0.208, 2.85), (0.029, 4.0), False),
         ((0.208, 2.85), (0.208, 2.85), False),
     ],
