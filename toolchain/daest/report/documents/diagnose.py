@@ -107,6 +107,7 @@ class CandidateEntry(_Class):
 class ScreenedEntry(TypedDict):
     effect: Effect
     at: Site
+    inputs: NotRequired[Annotated[dict[str, str], Of("candidate.inputs")]]
     score: float | None
     p_value: float | None
     sizes: dict[str, float | None]
