@@ -1,4 +1,4 @@
-"""What is added to a signal or a store: a share of an input that a sensor sees, a flow that nobody measured."""
+"""What is added to a signal or a store: a share of an input that a sensor sees, a flow nobody measured."""
 
 from pathlib import Path
 
@@ -93,6 +93,5 @@ def test_a_leak_into_a_vacuum_is_a_constant_flow():
     p = followed(lambda x, u: [(u[1] + 0.05 - 1.2e-3 * u[0] * x[0]) / 0.012], [120.0], inputs)
     outputs = p + 0.5 * rng.standard_normal(p.shape)
     found = diagnosed(CHAMBER, inputs, outputs, (("valve", "q"), ("gauge",)))
-    best = found.proofs[0]
     names = {p.candidate.label for p in found.proofs if p.verdict != "rejected"}
     assert "ConstantFlow at 0:p" in names
