@@ -333,6 +333,13 @@ def test_unseen_data_that_contradict_the_model_are_not_silent(one_step, simulate
     decided = decide(replace(found, baseline=baseline))
     assert decided.name == name
     assert ("phi is 4 there and 1 in the fit" in decided.message) == (name == "cannot tell")
+    # A vent that is first opened there.
+    known, unknown = (
+        FittedParameter(n, 6.0, e, e, "W/K", 0.0, None, None) for n, e in (("c", 0.1), ("kv", 4.5))
+    )
+    told = decide(replace(found, baseline=replace(baseline, parameters=(known, unknown))))
+    said = "hardly tell `kv` (± 75 %), which may be all that it is."
+    assert (said in told.message) == (name == "cannot tell")
 
 
 def test_contradicted_parameter_is_off():

@@ -669,9 +669,22 @@ def _contradicted(evidence: Evidence) -> Decided | None:
         "cannot tell",
         "Nothing is missing in the data of the fit, but unseen data contradict the model: the error of the "
         f"simulated {name} is {unseen:.3g} there and {own:.3g} in the fit. What acts there has not acted "
-        "before.",
+        f"before.{_hardly_known(told)}",
         "Exchange the data that estimate and those that validate, or estimate from recordings of both kinds.",
     )
+
+
+def _hardly_known(fit: FitResult) -> str:
+    """A sentence on the parameters that the data of the fit hardly tell, as of a vent that is never open
+    there; empty where there are none."""
+    open_ones = tuple(
+        f"`{p.name}` (± {100.0 * p.std_error / abs(p.value):.0f} %)"
+        for p in fit.parameters
+        if p.std_error and p.value and p.std_error > GATES.open_parameter * abs(p.value)
+    )
+    if not open_ones:
+        return ""
+    return f" The data of the fit hardly tell {_listed(open_ones)}, which may be all that it is."
 
 
 def _unseen_excess(agreements: Mapping[str, Agreement]) -> dict[str, float]:
@@ -696,7 +709,7 @@ def _nothing(evidence: Evidence) -> Decided:
     smallest: dict[str, str] = {}
     for entry in seen:
         size = entry.candidate.effect.sizes[0]
-        label = f"{entry.candidate.effect.name} at {entry.candidate.site.name}"
+        label = entry.candidate.label
         unit = "" if entry.candidate.size_unit == "1" else entry.candidate.size_unit
         smallest.setdefault(label, f"{label} from {size.name} = {entry.detectable:.2g} {unit}".rstrip())
     shown = "; ".join(list(smallest.values())[:4])
