@@ -258,6 +258,16 @@ def test_trials_are_significant_not_absorbed_and_not_too_many():
     found = Screen(entries, np.eye(4), 0.001, 4, ())
     assert [t.candidate for t in trials(found, 0.05, 5)] == [candidates[0], candidates[2]]
     assert [t.candidate for t in trials(found, 0.05, 1)] == [candidates[0]]
+    # A share of an input in a sensor stands beside those, and only the first.
+    crossing = [
+        replace(
+            candidates[k], effect=replace(candidates[k].effect, class_name="X", is_of_driving=True), site=site
+        )
+        for k, site in enumerate(sites(model())[:2])
+    ]
+    ahead = tuple(entry(one, 6.0, 0.001) for one in crossing)
+    found = Screen((*ahead, *entries), np.eye(6), 0.001, 6, ())
+    assert [t.candidate for t in trials(found, 0.05, 1)] == [crossing[0], candidates[0]]
 
 
 def changed_size(fit, **changes):
