@@ -167,7 +167,7 @@ def test_unused_column_becomes_an_input(tmp_path, daest, monkeypatch):
     effects = ("--effect", "MeasuredHeatGain", "--effect", "ConstantHeatGain")
     found, err = improvement(daest, "room.csv", "--model", "Room.mo", *effects)
     step = found["steps"][1]
-    assert (step["added"], step["at"]) == ("MeasuredHeatGain", "room.port")
+    assert (step["added"], step["at"], list(step["inputs"])) == ("MeasuredHeatGain", "room.port", ["u"])
     area = step["parameters"]["measuredHeatGain.A"]["value"]
     assert area == pytest.approx(2.0, rel=0.05)
     text = (tmp_path / "results" / "improve" / step["model"]).read_text()

@@ -132,6 +132,26 @@ def test_candidate_far_behind_a_supported_one_is_judged_after_a_first_pass():
     assert after == pytest.approx(before, rel=0.02)
 
 
+@pytest.mark.parametrize(("simulated", "is_pursued"), [(-np.inf, False), (900.0, False), (1100.0, True)])
+def test_search_that_a_simulation_promises_much_is_pursued_beside_a_leader(
+    monkeypatch, simulated, is_pursued
+):
+    """It begins beside loads of the size of the null's, far below: the lag of a thermometer, 119.8 of 120 s
+    by its simulation, had been given up beside play, which was then supported."""
+    asked = []
+
+    def refit(null, prepared, explicit, hopeless, null_likelihood):
+        asked.append(hopeless)
+        return SimpleNamespace(fit=SimpleNamespace(log_likelihood=0.0))
+
+    stand, (prepared, full) = rubbing(), proved()
+    lead = 1000.0 + GATES.hopeless_log_likelihood - full.fit.log_likelihood
+    monkeypatch.setattr(proving, "_refit", refit)
+    one = replace(prepared, simulated=simulated)
+    proving.searched(stand.null, stand.baseline, one, stand.null.experiments, further_ahead(full, lead))
+    assert np.isinf(asked[0]) == is_pursued and (is_pursued or asked[0] == pytest.approx(1000.0))
+
+
 @pytest.mark.slow  # of less gain: the test below
 def test_richer_law_below_the_simple_one_is_judged_in_brief():
     stand, (prepared, full) = rubbing(), proved()
@@ -238,6 +258,16 @@ def test_trials_are_significant_not_absorbed_and_not_too_many():
     found = Screen(entries, np.eye(4), 0.001, 4, ())
     assert [t.candidate for t in trials(found, 0.05, 5)] == [candidates[0], candidates[2]]
     assert [t.candidate for t in trials(found, 0.05, 1)] == [candidates[0]]
+    # A share of an input in a sensor stands beside those, and only the first.
+    crossing = [
+        replace(
+            candidates[k], effect=replace(candidates[k].effect, class_name="X", is_of_driving=True), site=site
+        )
+        for k, site in enumerate(sites(model())[:2])
+    ]
+    ahead = tuple(entry(one, 6.0, 0.001) for one in crossing)
+    found = Screen((*ahead, *entries), np.eye(6), 0.001, 6, ())
+    assert [t.candidate for t in trials(found, 0.05, 1)] == [crossing[0], candidates[0]]
 
 
 def changed_size(fit, **changes):

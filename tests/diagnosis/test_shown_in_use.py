@@ -39,7 +39,8 @@ def test_input_that_the_model_does_not_use_is_a_cause_like_a_column():
     )
     fed_by = {c.label for c in found if "sun" in c.inputs.values()}
     assert "MeasuredHeatGain (sun) at 0:T" in fed_by
-    assert not any("Ta" in c.inputs.values() for c in found)
+    assert {c.label for c in found if "Ta" in c.inputs.values()} == {"Crosstalk (Ta) at y"}
+    assert "Crosstalk (sun) at y" not in fed_by
     assert not any(c.site.name == "sun" for c in found)
     # The law takes the input that is there, in the recording and in the model.
     (gain,) = (c for c in found if c.label == "MeasuredHeatGain (sun) at 0:T")

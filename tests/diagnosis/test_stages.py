@@ -14,7 +14,7 @@ from daest.diagnosis.course import Course, _by_states, _left
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.stages import DynamicTasks, Stages, _has_fallen_short
-from daest.diagnosis.trials import Prepared, Trial
+from daest.diagnosis.trials import Prepared, Trial, n_seats
 from daest.model.diagnosis import InUse
 from daest.model.fit import Agreement
 
@@ -122,13 +122,16 @@ def test_refit_that_gains_far_less_than_the_screen_foresaw_has_lost_its_way(gain
 
 
 def test_one_of_the_laws_that_bend_a_signal_leads_the_screen_in_open_loop(monkeypatch: Any) -> None:
-    """Three ways to bend the input of an arm left no refit for its weight, which came next."""
+    """Three ways to bend the input of an arm left no refit for its weight, which came next. A share of that
+    input in a sensor takes no seat."""
 
     def trial(label: str, site: str, of_signal: bool, is_dynamic: bool = False) -> Any:
-        kind = {"is_of_signal": of_signal, "is_dynamic": is_dynamic}
+        effect = SimpleNamespace(is_of_driving=label == "Crosstalk")
+        kind = {"is_of_signal": of_signal, "is_dynamic": is_dynamic, "effect": effect}
         return SimpleNamespace(candidate=SimpleNamespace(label=label, site=site, **kind))
 
     seen = (
+        trial("Crosstalk", "phi", True),
         trial("QuadraticGain", "u", True),
         trial("OneSidedLimit", "u", True),
         trial("Lag", "u", True, is_dynamic=True),
@@ -137,7 +140,8 @@ def test_one_of_the_laws_that_bend_a_signal_leads_the_screen_in_open_loop(monkey
     )
     monkeypatch.setattr(course_module, "trials", lambda *_: seen)
     found = course_module._leaders_in_use(cast(Any, SimpleNamespace(entries=seen)))
-    assert [one.candidate.label for one in found] == ["QuadraticGain", "Lag", "Unbalance"]
+    assert [one.candidate.label for one in found] == ["Crosstalk", "QuadraticGain", "Lag", "Unbalance"]
+    assert n_seats(seen, 1) == 2 and n_seats(seen, 5) == n_seats(seen, 9) == len(seen)
 
 
 @pytest.mark.parametrize(("gain", "is_left"), [(500.0, False), (480.0, True)])

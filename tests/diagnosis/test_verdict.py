@@ -159,11 +159,12 @@ def test_what_a_simulation_leaves_is_told_where_it_is_many_times_the_noise():
     assert said not in decide(adding).message
 
 
-def test_errors_that_last_are_told_where_no_load_tells_them():
-    def with_white(law, white):
-        both = Agreement({"phi": 90.0}, {"phi": 1.0}, {"phi": white})
-        return replace(law, fit=replace(law.fit, simulated=dict.fromkeys(RECORDED, both)))
+def with_white(law, white):
+    both = Agreement({"phi": 90.0}, {"phi": 1.0}, {"phi": white})
+    return replace(law, fit=replace(law.fit, simulated=dict.fromkeys(RECORDED, both)))
 
+
+def test_errors_that_last_are_told_where_no_load_tells_them():
     said = "leaves of phi lasts: it is 5 times its part without memory, so that something else is missing"
     known = [with_white(proof(), white) for white in (0.2, 0.5, None)]
     told = [decide(evidence(proofs=[law], simulated=9.0)).message for law in known]
@@ -266,6 +267,18 @@ def test_two_accepted_candidates_are_a_set_with_the_experiment_that_separates_th
     assert "several constant speeds" in found.next_experiment
 
 
+def test_a_set_tells_what_each_of_its_laws_leaves():
+    def told(*whites):
+        names = ("CoulombFriction", "QuadraticDrag")
+        laws = [with_white(proof(name), white) for name, white in zip(names, whites, strict=True)]
+        return decide(evidence(proofs=laws, simulated=9.0)).message
+
+    lasts = "leaves of phi lasts: it is 1.6 times its part without memory, so that something else is missing"
+    assert lasts in told(0.62, 0.6) and "It may be none of them." in told(0.62, 0.6)
+    assert "phi 9 -> 1" in told(0.62, 0.95)
+    assert "none of them" not in told(0.62, 0.95)
+
+
 def test_places_that_differ_ask_for_a_sensor_between_them():
     other = replace(proof(), candidate=replace(candidate("CoulombFriction"), site=sites(model())[1]))
     found = decide(evidence(proofs=[proof(), other]))
@@ -276,6 +289,23 @@ def test_simulation_down_to_the_noise_is_nothing_missing_whatever_the_load():
     found = decide(evidence(simulated=0.5, related=True))
     assert found.name == "nothing missing"
     assert "CoulombFriction at rotor.flange_a from tau_c = 0.02 N.m" in found.message
+
+
+@pytest.mark.parametrize(
+    ("proofs", "name", "said"),
+    [
+        ([], "nothing missing", "The search has seen something (p = 1e-09), but it hardly matters"),
+        ([proof(verdict="rejected")], "cannot tell", "Something small is missing (p = 1e-09"),
+    ],
+)
+def test_a_sure_search_is_told_where_a_simulation_is_as_good_as_predictions(proofs, name, said):
+    found = decide(evidence(proofs=proofs, simulated=0.5, p_value=1e-9))
+    assert found.name == name and said in found.message
+    off = FittedParameter("J", 0.5, 0.01, 0.02, "kg.m2", 0.0, None, None)
+    told = decide(evidence(proofs=proofs, simulated=0.5, p_value=1e-9, parameters=[off], fitted={"J": 0.4}))
+    assert told.name == "parameters off" and "p = 1e-09" in told.message
+    quiet = decide(evidence(proofs=proofs, simulated=0.5, p_value=0.1)).message
+    assert "Nothing is missing at this noise level" in quiet and "seen something" not in quiet
 
 
 @pytest.mark.parametrize(("detectable", "name"), [(500.0, "cannot tell"), (0.3, "nothing missing")])
@@ -321,6 +351,13 @@ def test_unseen_data_that_contradict_the_model_are_not_silent(one_step, simulate
     decided = decide(replace(found, baseline=baseline))
     assert decided.name == name
     assert ("phi is 4 there and 1 in the fit" in decided.message) == (name == "cannot tell")
+    # A vent that is first opened there.
+    known, unknown = (
+        FittedParameter(n, 6.0, e, e, "W/K", 0.0, None, None) for n, e in (("c", 0.1), ("kv", 4.5))
+    )
+    told = decide(replace(found, baseline=replace(baseline, parameters=(known, unknown))))
+    said = "hardly tell `kv` (± 75 %), which may be all that it is."
+    assert (said in told.message) == (name == "cannot tell")
 
 
 def test_contradicted_parameter_is_off():

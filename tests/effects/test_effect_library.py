@@ -24,7 +24,7 @@ FOLDER = library_root() / "Daest" / "Effects"
 # Names that a recorded signal of any unit may feed: they cannot have a unit themselves.
 UNITLESS = {"Signals", "General"}
 # Sizes of either sign: a load, an offset, the influence of a signal.
-SIGNED = {"a", "Q_0", "tau_0", "f_0", "k", "b", "g", "r", "y", "c", "c3"}
+SIGNED = {"a", "Q_0", "q_0", "tau_0", "f_0", "k", "b", "g", "r", "y", "c", "c3"}
 
 MECHANICAL = frozenset(
     (
@@ -48,11 +48,13 @@ EXPECTED = {
         ]
     ),
     "Thermal": frozenset(["Radiation", "MeasuredHeatGain", "MeasuredVentilation", "WallCapacity"]),
-    "Hydraulic": frozenset(["Orifice", "Overflow", "Weir", "Downpipe", "FreeOutlet", "WideningTank"]),
+    "Hydraulic": frozenset(
+        ["Orifice", "Overflow", "Weir", "Downpipe", "FreeOutlet", "WideningTank", "ConstantFlow"]
+    ),
     "Signals": frozenset(
         [
             *("DeadZone", "Saturation", "OneSidedLimit", "Offset", "Gain", "QuadraticGain", "Lag", "Delay"),
-            *("AbsoluteValueSensor", "Drift", "Play"),
+            *("AbsoluteValueSensor", "Drift", "Play", "Crosstalk"),
         ]
     ),
     "General": frozenset(["MeasuredInput", "DriftingParameter", "LearnedCurve"]),
@@ -164,6 +166,7 @@ def test_loads_and_offsets_add_a_constant() -> None:
         "Rotational.ConstantLoad",
         "Translational.ConstantLoad",
         "Thermal.ConstantHeatGain",
+        "Hydraulic.ConstantFlow",
         "Signals.Offset",
     }
 

@@ -107,6 +107,7 @@ OTHERS: dict[str, tuple[str, Law]] = {
         lambda v: v["k"] * v["dp"] / np.sqrt(v["p_1"] * np.hypot(v["dp"], v["p_s"])),
     ),
     "LaminarLine": ("q", lambda v: v["G"] * v["dp"]),
+    "ConstantFlow": ("q", lambda v: v["q_0"]),
     "Leak": ("q", lambda v: -v["G"] * v["p"]),
     "MeasuredFlow": ("q", lambda v: v["k"] * v["u"]),
     "DeadZone": (
@@ -138,6 +139,7 @@ OTHERS: dict[str, tuple[str, Law]] = {
         ),
     ),
     "MeasuredInput": ("y", lambda v: v["u"] + v["k"] * v["z"]),
+    "Crosstalk": ("y", lambda v: v["u"] + v["k"] * v["z"]),
     "LearnedCurve": ("y", lambda v: v["u"] + curve(v["u"] / v["u_max"], knots(v, "c"))),
 }
 

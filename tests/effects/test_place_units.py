@@ -114,7 +114,7 @@ def test_sizes_on_a_signal_have_its_unit(flat, name: str, parameter: str, by_sig
 def test_parameters_of_signal_effects_have_a_unit() -> None:
     signals = [e for e in effect_library() if e.domain == "signal"]
     without = [(e.name, p.name) for e in signals for p in e.parameters if not (p.unit or p.signal_unit)]
-    assert without == [("MeasuredInput", "k")]  # per unit of a column, which may have none
+    assert without == [("MeasuredInput", "k"), ("Crosstalk", "k")]  # per unit of what may have none
 
 
 def test_a_unit_that_is_none_is_refused(tmp_path) -> None:

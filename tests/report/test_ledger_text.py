@@ -52,3 +52,9 @@ def test_what_is_known_of_a_size_beside_another_parameter_is_told():
     first = step(1, "spring", **{"spring.tau_h": (0.0017, 0.034)}) | {"known_products": {"tau_h/k": product}}
     said = " ".join(text(ledger(step(0), first)).split())
     assert "tau_h = 0.0017 ± 0.034 W/K, tau_h/k = 0.2179 ± 0.024 A; supported" in said
+
+
+def test_the_signal_that_feeds_an_effect_is_told():
+    fed = step(1, "crosstalk") | {"added": "Crosstalk", "inputs": {"z": "load"}}
+    said = " ".join(text(ledger(step(0), fed)).split())
+    assert "Added Crosstalk (load) at node1" in said and "Crosstalk (load) node1" in said

@@ -42,10 +42,11 @@ def pairs(
     places: Sequence[Site],
     columns: Sequence[str] = (),
     taken: Collection[str] = (),
+    driving: Sequence[str] = (),
 ) -> tuple[Candidate, ...]:
     """Effects at sites, shapes not yet chosen, under names that no component of `taken` has. Effects that
     need a measured signal are tried with every one of `columns`, the recorded signals that the model does not
-    use.
+    use, or with every one of the inputs that are `driving` it.
 
     What flows to ground leaves the model: an effect between two nodes that would say
     the same as one of a single node is left out. So are signals inside, where there are too many."""
@@ -63,7 +64,8 @@ def pairs(
                 continue
             if site.is_grounded and effect.grounded in known:
                 continue
-            supplies = [{effect.inputs[0]: c} for c in columns] if effect.inputs else [{}]
+            feeding = driving if effect.is_of_driving else columns
+            supplies = [{effect.inputs[0]: c} for c in feeding] if effect.inputs else [{}]
             found += [Candidate(effect, site, next(names), {}, s) for s in supplies]
     return tuple(found)
 

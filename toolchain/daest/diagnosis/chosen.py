@@ -36,7 +36,7 @@ def chosen_candidates(
     library = [_within_samples(effect, experiments) for effect in library]
     recorded = [*unused, *experiments[0].extra]
     columns = [name for name in recorded if _is_new_signal(name, experiments, unused)]
-    whole = pairs(library, places, columns, taken)
+    whole = pairs(library, places, columns, taken, _driving(experiments, unused))
     none = {
         name for name in experiments[0].input_names if not any(np.any(e.input(name)) for e in experiments)
     }
@@ -55,6 +55,12 @@ def chosen_candidates(
         )
         and (not options.places or {c.site.name, *c.site.aliases} & set(options.places))
     )
+
+
+def _driving(experiments: Sequence[Experiment], unused: Sequence[str]) -> list[str]:
+    """The inputs that do something in the model and move in every recording."""
+    names = [name for name in experiments[0].input_names if name not in unused]
+    return [name for name in names if not any(is_constant(e.input(name)) for e in experiments)]
 
 
 def _n_values(experiments: Sequence[Experiment], name: str) -> int:

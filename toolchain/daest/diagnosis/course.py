@@ -58,9 +58,9 @@ from daest.diagnosis.stages import (
     is_same,
 )
 from daest.diagnosis.stand import Stand
-from daest.diagnosis.trials import Prepared, Trial, clipping_trials, trials
+from daest.diagnosis.trials import Prepared, Trial, clipping_trials, n_seats, trials
 from daest.model.diagnosis import Candidate, Proof, Screen, Unproved
-from daest.model.effects import Effect
+from daest.model.effects import Effect, Site
 from daest.model.fit import FitResult, error_ratios, most_lasting
 from daest.modelica.effects import adds_a_constant
 from daest.numerics.deadline import OutOfTimeError, until
@@ -97,10 +97,11 @@ class Course:
         options, (found, used) = self.options, self.screens
         wanted = trials(found, GATES.screen_level, options.most_trials + MORE_TRIALS)
         wanted, n_used = _with_leaders(wanted, used)
+        most = n_seats(wanted, options.most_trials)
         stages = self._stages()
-        fits, proofs = self._of_leaders(stages, wanted[: options.most_trials], n_used)
+        fits, proofs = self._of_leaders(stages, wanted[:most], n_used)
         if not is_settled(ranked(proofs)):
-            proofs += stages.proved(stages.prepared(wanted[options.most_trials :]), proofs)[0]
+            proofs += stages.proved(stages.prepared(wanted[most:]), proofs)[0]
             proofs = stages.second_tries(proofs, found)
         proofs = self._with_simpler_laws(stages, proofs)
         proofs = self._with_straight_laws(stages, proofs)
@@ -369,12 +370,14 @@ def _leaders_in_use(used: Screen, most: int = MOST_IN_USE) -> list[Trial]:
     """The first `most` that lead the screen in open loop; of the laws that bend one signal the first alone,
     which the others follow where it is accepted (`signal_laws`)."""
     found: list[Trial] = []
+    bent: list[Site] = []
     for trial in trials(used, GATES.in_use_level, len(used.entries)):
-        bends = trial.candidate.is_of_signal and not trial.candidate.is_dynamic
-        is_bent = any(one.candidate.site == trial.candidate.site for one in found)
-        if not (bends and is_bent):
+        one = trial.candidate
+        bends = one.is_of_signal and not one.is_dynamic and not one.effect.is_of_driving
+        if not (bends and one.site in bent):
             found.append(trial)
-    return found[:most]
+        bent += [one.site] if not one.effect.is_of_driving else []
+    return found[: n_seats(found, most)]
 
 
 def _with_second_tries(proofs: Sequence[Proof], again: Sequence[Proof]) -> list[Proof]:

@@ -116,10 +116,12 @@ def searched(
     leader: Proof | None = None,
 ) -> Searched:
     """The refit of one candidate on `experiments`, the null's with the signals that the effect needs; pursued
-    no further where it falls far behind the `leader`. Raises what `refit` raises."""
+    no further where it falls far behind the `leader`, unless its simulation has come further: beside loads of
+    the size that the null has, the search begins far below that. Raises what `refit` raises."""
     explicit = prepared.reduced()
     fed = replace(null, experiments=tuple(experiments))
     hopeless = least_hope(leader, prepared.trial.candidate)
+    hopeless = -np.inf if prepared.simulated > hopeless else hopeless
     refit = _refit(fed, prepared, explicit, hopeless, null_fit.log_likelihood)
     gain = refit.fit.log_likelihood - null_fit.log_likelihood
     return Searched(prepared, explicit, fed.experiments, refit, float(gain))

@@ -43,14 +43,18 @@ class Trial:
 def trials(screen: Screen, level: float, most: int) -> tuple[Trial, ...]:
     """The best candidates that are significant at `level`, at most `most`, each at its best shape; the same
     effect at a place that the sensors see alike is the same trial. A law with states of its own waits where
-    one without them has its response: where that leaves something, richer laws are tried."""
+    one without them has its response: where that leaves something, richer laws are tried. Shares of an input
+    in a sensor stand beside those (`n_seats`), and only the first: there is one at every output for every
+    input."""
     chosen: list[Trial] = []
     taken: set[int] = set()
     entries = screen.entries
     for i, entry in enumerate(entries):
-        if len(chosen) == most:
+        if _n_seated(chosen) == most:
             break
         if i in taken or entry.absorbed or entry.p_value > level:
+            continue
+        if entry.candidate.effect.is_of_driving and _n_seated(chosen) < len(chosen):
             continue
         effect = entry.candidate.effect.class_name
         same = [j for j in range(len(entries)) if entries[j].candidate.effect.class_name == effect]
@@ -70,6 +74,16 @@ def trials(screen: Screen, level: float, most: int) -> tuple[Trial, ...]:
         promised = 0.5 * entry.score**2
         chosen.append(Trial(first.candidate, first.sizes, tuple(places.values()), promised=promised))
     return tuple(chosen)
+
+
+def _n_seated(chosen: Sequence[Trial]) -> int:
+    """How many trials take a seat from others."""
+    return sum(not trial.candidate.effect.is_of_driving for trial in chosen)
+
+
+def n_seats(wanted: Sequence[Trial], most: int) -> int:
+    """How many of the first trials are refitted where `most` take a seat."""
+    return next((n for n in range(len(wanted)) if _n_seated(wanted[: n + 1]) > most), len(wanted))
 
 
 def _has_bare_twin(screen: Screen, number: int) -> bool:

@@ -498,20 +498,32 @@ def _left_over(evidence: Evidence, proof: Proof) -> str:
             f" What a simulation leaves of {name} is {ratios[name]:.2g} times its error one sample ahead: "
             "something else is missing, or acts besides."
         )
-    return _lasting(after)
+    return _lasting(after, GATES.told_rest)
 
 
-def _lasting(after: FitResult) -> str:
-    """A sentence on the output whose errors in a simulation of unseen data last longest; empty where none
-    do. The error one sample ahead says nothing of it where no load can take the place of what is missing: the
-    noise of the sensor then stands for it."""
+def _lasting(after: FitResult, limit: float) -> str:
+    """A sentence on the output whose errors in a simulation of unseen data last longest; empty where none is
+    more than `limit` times its part without memory. The error one sample ahead says nothing of it where no
+    load can take the place of what is missing: the noise of the sensor then stands for it."""
     name, ratio = most_lasting(after.simulated)
-    if ratio < GATES.told_rest:
+    if ratio < limit:
         return ""
     return (
         f" What a simulation leaves of {name} lasts: it is {ratio:.2g} times its part without memory, "
         "so that something else is missing, or acts besides, or the noise of that sensor is slow."
     )
+
+
+def _left_by_set(evidence: Evidence, accepted: Sequence[Proof]) -> str:
+    """What is to be said of the simulations with laws that are not told apart: their errors, and what every
+    one of them leaves, which may be since none of them is what acts."""
+    text = _errors(evidence, accepted[0])
+    left = [
+        _left_over(evidence, p)
+        or ("" if p.adds_up else _lasting(_told(evidence, p)[1], GATES.told_rest_of_set))
+        for p in accepted
+    ]
+    return text + (f"{left[0]} It may be none of them." if all(left) else "")
 
 
 def two_alike(screen: Screen) -> str:
@@ -594,7 +606,8 @@ def _cannot_tell(evidence: Evidence, accepted: Sequence[Proof]) -> Decided:
     )
     return Decided(
         "cannot tell",
-        f"One of {_listed(tuple(names))} is missing; these data do not separate them.",
+        f"One of {_listed(tuple(names))} is missing; these data do not separate them."
+        + _left_by_set(evidence, accepted),
         separate,
     )
 
@@ -613,11 +626,10 @@ def _to_tell_places(accepted: Sequence[Proof]) -> str:
 
 
 def _not_proven(evidence: Evidence, near: list[Proof]) -> Decided:
-    reasons = "; ".join(f"{p.candidate.label}: {p.reason}" for p in near[:2])
     return Decided(
         "cannot tell",
         f"Something is missing (p = {evidence.screen.p_value:.1g} for the whole search), but these data do "
-        f"not prove what. {reasons}.",
+        f"not prove what. {_reasons(near)}.",
         "Record longer and with larger amplitudes: the effect is small beside the noise and the loads of "
         "this record.",
     )
@@ -651,9 +663,22 @@ def _contradicted(evidence: Evidence) -> Decided | None:
         "cannot tell",
         "Nothing is missing in the data of the fit, but unseen data contradict the model: the error of the "
         f"simulated {name} is {unseen:.3g} there and {own:.3g} in the fit. What acts there has not acted "
-        "before.",
+        f"before.{_hardly_known(told)}",
         "Exchange the data that estimate and those that validate, or estimate from recordings of both kinds.",
     )
+
+
+def _hardly_known(fit: FitResult) -> str:
+    """A sentence on the parameters that the data of the fit hardly tell, as of a vent that is never open
+    there; empty where there are none."""
+    open_ones = tuple(
+        f"`{p.name}` (± {100.0 * p.std_error / abs(p.value):.0f} %)"
+        for p in fit.parameters
+        if p.std_error and p.value and p.std_error > GATES.open_parameter * abs(p.value)
+    )
+    if not open_ones:
+        return ""
+    return f" The data of the fit hardly tell {_listed(open_ones)}, which may be all that it is."
 
 
 def _unseen_excess(agreements: Mapping[str, Agreement]) -> dict[str, float]:
@@ -669,8 +694,11 @@ def _nothing(evidence: Evidence) -> Decided:
         return Decided(
             "parameters off",
             f"No effect is missing, but the data contradict the given values: {', '.join(moved)}. "
-            "Refit the model.",
+            "Refit the model." + _still_significant(evidence),
         )
+    small = _likelier(evidence)
+    if small:
+        return _too_small(evidence, small)
     seen = [e for e in evidence.screen.entries if not e.absorbed and np.isfinite(e.detectable)]
     smallest: dict[str, str] = {}
     for entry in seen:
@@ -690,9 +718,45 @@ def _nothing(evidence: Evidence) -> Decided:
     return Decided(
         "nothing missing",
         f"Nothing is missing at this noise level: none of {evidence.screen.n_screened} candidates was "
-        f"supported (p = {evidence.screen.p_value:.2g} for the whole search). It would have shown, for "
-        f"instance: {shown}.",
+        f"supported (p = {evidence.screen.p_value:.2g} for the whole search)."
+        + _still_significant(evidence)
+        + f" It would have shown, for instance: {shown}.",
     )
+
+
+def _likelier(evidence: Evidence) -> list[Proof]:
+    """The rejected candidates that make the data likelier, where the whole search is sure that something is
+    missing; none where it is not."""
+    if evidence.screen.p_value >= GATES.missing_level:
+        return []
+    return [p for p in evidence.proofs if p.delta_bic > GATES.min_told_bic_gain]
+
+
+def _too_small(evidence: Evidence, near: Sequence[Proof]) -> Decided:
+    """The verdict where a simulation is as good as predictions, and the search has seen something: what is
+    missing is too small to be named, and it is not nothing."""
+    return Decided(
+        "cannot tell",
+        f"Something small is missing (p = {evidence.screen.p_value:.1g} for the whole search): a simulation "
+        "without it is nearly as good as predictions from sample to sample, and these data do not prove what "
+        f"it is. {_reasons(near)}.",
+        "Record longer and with larger amplitudes: the effect is small beside the noise of this record.",
+    )
+
+
+def _still_significant(evidence: Evidence) -> str:
+    """A sentence where the search is sure of something that no refit confirms; empty where it is not."""
+    if evidence.screen.p_value >= GATES.missing_level:
+        return ""
+    return (
+        f" The search has seen something (p = {evidence.screen.p_value:.1g}), but it hardly matters: a "
+        "simulation is nearly as good as predictions from sample to sample."
+    )
+
+
+def _reasons(near: Sequence[Proof]) -> str:
+    """Why the first of the candidates that come near are not accepted."""
+    return "; ".join(f"{p.candidate.label}: {p.reason}" for p in near[:2])
 
 
 def _is_blind(seen: Sequence[Screened]) -> bool:

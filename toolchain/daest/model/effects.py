@@ -91,7 +91,8 @@ class Effect:
     that it is where an end of its place is grounded, `one_way` the one that it is where all motion goes one
     way. `is_of_store`: it changes a store that the model has,
     and is nothing where there is none. `most_turns`: of a body that it may hold; no spring is wound by one
-    that turns on and on. None where it acts at any angle.
+    that turns on and on. None where it acts at any angle. `is_of_driving`: its further signal is an input
+    that drives the model, and no recorded signal that does nothing there.
     """
 
     name: str
@@ -112,6 +113,7 @@ class Effect:
     one_way: str = ""
     is_of_store: bool = False
     most_turns: float | None = None
+    is_of_driving: bool = False
     documentation: str = ""
     libraries: tuple[str, ...] = ()  # folders besides the bundled library that the class was read from
 

@@ -59,6 +59,7 @@ _KEYS = (
     "one_way",
     "of_store",
     "turns",
+    "driving",
 )
 _DOCUMENTATION = re.compile(r'Documentation\s*\(\s*info\s*=\s*"((?:[^"\\]|\\.)*)"', re.DOTALL)
 _TAG = re.compile(r"<[^>]*>")
@@ -527,6 +528,7 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
         one_way=source.entry("one_way") or "",
         is_of_store=source.annotation.flag("of_store", False),
         most_turns=source.entry("turns"),
+        is_of_driving=source.annotation.flag("driving", False),
         documentation=source.documentation,
         libraries=libraries,
     )

@@ -107,6 +107,7 @@ class CandidateEntry(_Class):
 class ScreenedEntry(TypedDict):
     effect: Effect
     at: Site
+    inputs: NotRequired[Annotated[dict[str, str], Of("candidate.inputs")]]
     score: float | None
     p_value: float | None
     sizes: dict[str, float | None]
@@ -197,6 +198,7 @@ class DiagnoseDocument(MadeOf):
 class StepEntry(TypedDict):
     added: Annotated[str | None, Of("candidate.effect.name")]
     at: Annotated[str | None, Of("candidate.site.name")]
+    inputs: NotRequired[Annotated[dict[str, str], Of("candidate.inputs")]]
     component: NotRequired[Annotated[str | None, Of("candidate.name")]]
     equivalent_places: NotRequired[Annotated[list[str], Of("equivalent")]]
     fit_percent: ByPart
@@ -360,7 +362,7 @@ def _step(step: Step, model: str | None) -> StepEntry:
     proof = step.proof
     form = None if step.diagnosis is None else step.diagnosis.disturbance
     none: dict[str, object] = dict.fromkeys(("added", "at", "component"))
-    none |= {"equivalent_places": [], "verdict": "baseline"}
+    none |= {"equivalent_places": [], "verdict": "baseline", "inputs": {}}
     return entry(
         StepEntry,
         proof,

@@ -118,7 +118,7 @@ def _remarks(candidate: Mapping[str, Any]) -> Iterator[RenderableType]:
 def _screen(screen: Mapping[str, Any]) -> Iterator[RenderableType]:
     rows = [
         (
-            f"{e['effect']} at {e['at']}",
+            _label(e),
             number(e["score"], 3),
             number(e["p_value"], 2),
             f"{number(e['detectable'], 2)} {e['unit'] if e['unit'] != '1' else ''}".rstrip(),
@@ -135,9 +135,9 @@ def _screen(screen: Mapping[str, Any]) -> Iterator[RenderableType]:
 
 def _distinct(entries: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """The best shape of every effect at every place."""
-    found: dict[tuple[str, str], Mapping[str, Any]] = {}
+    found: dict[str, Mapping[str, Any]] = {}
     for entry in entries:
-        found.setdefault((entry["effect"], entry["at"]), entry)
+        found.setdefault(_label(entry), entry)
     return list(found.values())
 
 

@@ -36,8 +36,14 @@ def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
 
 
 def _summary(document: Mapping[str, Any]) -> str:
-    added = [f"{step['added']} at {step['at']}" for step in document["steps"] if step["added"]]
+    added = [f"{_added(step)} at {step['at']}" for step in document["steps"] if step["added"]]
     return f"Added {', then '.join(added)}" if added else "Nothing added"
+
+
+def _added(step: Mapping[str, Any]) -> str:
+    """The effect of a step with the signals that feed it; empty where it added none."""
+    fed = ", ".join(step.get("inputs", {}).values())
+    return f"{step['added']} ({fed})" if fed else step["added"] or ""
 
 
 def _ledger(document: Mapping[str, Any]) -> RenderableType:
@@ -45,7 +51,7 @@ def _ledger(document: Mapping[str, Any]) -> RenderableType:
     rows = [
         (
             str(i),
-            step["added"] or "the model as it is",
+            _added(step) or "the model as it is",
             step["at"] or "",
             *(number(step["rms"].get("validation", {}).get(o), 3) for o in outputs),
             number(step.get("delta_bic")),
@@ -82,7 +88,7 @@ def _in_the_end(steps: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
     """The sizes of the earlier effects beside the later ones."""
     earlier = [step for step in steps if step["added"]][:-1]
     told = [
-        f"{step['added']} at {step['at']}: {sizes}" for step in earlier if (sizes := _sizes(step, steps[-1]))
+        f"{_added(step)} at {step['at']}: {sizes}" for step in earlier if (sizes := _sizes(step, steps[-1]))
     ]
     if told:
         yield indented(f"in the last model: {'; '.join(told)}")
