@@ -10,7 +10,7 @@ from oscillator import OSCILLATOR, record
 
 from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import fit_null
-from daest.diagnosis.recorded_late import gain_of_earlier_inputs, one_sample_ahead
+from daest.diagnosis.recorded_late import ahead, earlier_inputs, gain_of_earlier_inputs
 from daest.diagnosis.stand import without_noises
 from daest.modelica.compile import compile_text
 
@@ -48,6 +48,16 @@ def test_inputs_that_act_as_they_are_recorded_gain_nothing(case, straight, hold)
     assert gain_of_earlier_inputs(null) == 0.0
 
 
+def test_inputs_that_are_many_samples_late_are_found(case):
+    """Of a machine whose command was logged by another clock a stop was supported."""
+    flat, experiment = case
+    late = np.concatenate([np.repeat(experiment.inputs[:1], 5, axis=0), experiment.inputs[:-5]])
+    null = fit_null(flat, load_sites(flat), [replace(experiment, inputs=late)], "zoh")
+    found = earlier_inputs(null)
+    assert found.samples == 5 and found.names == experiment.input_names
+    assert found.seconds == pytest.approx(5 * experiment.median_step) and found.gain > 50.0
+
+
 @pytest.mark.parametrize(("gain", "told"), [(3.0, 0.0), (30.0, 30.0), (-3.0, 0.0)])
 def test_inputs_are_late_where_that_is_clearly_likelier(straight, monkeypatch, gain, told):
     likelihood = straight.fit.log_likelihood + gain
@@ -58,6 +68,7 @@ def test_inputs_are_late_where_that_is_clearly_likelier(straight, monkeypatch, g
 
 def test_the_last_inputs_act_to_the_end(case):
     _, experiment = case
-    ahead = one_sample_ahead(experiment)
-    assert np.array_equal(ahead.inputs[:-1], experiment.inputs[1:])
-    assert np.array_equal(ahead.inputs[-1], experiment.inputs[-1])
+    shifted = ahead(experiment, 1, experiment.input_names)
+    assert np.array_equal(shifted.inputs[:-1], experiment.inputs[1:])
+    assert np.array_equal(shifted.inputs[-1], experiment.inputs[-1])
+    assert np.array_equal(ahead(experiment, 3, ()).inputs, experiment.inputs)

@@ -16,6 +16,7 @@ from daest.diagnosis.held_values import OtherValue
 from daest.diagnosis.holds import says_as_much
 from daest.diagnosis.noise_level import RECORDED
 from daest.diagnosis.reasons import unmoved
+from daest.diagnosis.recorded_late import EarlierInputs
 from daest.diagnosis.verdict import AT_ONCE, MOVING, Evidence, Loads, beside_value, decide
 from daest.model.diagnosis import Ahead, FreeForm, InUse, Load, PlaceGain, Proof, Screen, Screened, Unproved
 from daest.model.fit import Agreement, FittedParameter
@@ -451,7 +452,7 @@ def test_unseen_data_in_which_nothing_moves_confirm_no_law(inputs, outputs, is_s
 def test_what_says_no_more_than_inputs_that_act_before_they_are_recorded_is_no_law(earlier, p_value, name):
     """The proof gains 95 by BIC for a parameter; earlier inputs take none."""
     gain = 0.0 if name == "nothing missing" else 100.0
-    found = replace(evidence(proofs=[proof()], p_value=p_value, gain=gain), earlier=earlier)
+    found = replace(evidence(proofs=[proof()], p_value=p_value, gain=gain), earlier=EarlierInputs(earlier))
     decided = decide(found)
     assert decided.name == name
     is_told = name != "supported"

@@ -26,8 +26,9 @@ from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, grown, open_hold, with_other_hold
 from daest.diagnosis.open_loop import driven_share, open_screen
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
+from daest.diagnosis.ranking import best_accepted, is_settled
 from daest.diagnosis.reasons import is_significant, unmoved
-from daest.diagnosis.recorded_late import gain_of_earlier_inputs
+from daest.diagnosis.recorded_late import EarlierInputs, earlier_inputs, gain_of_earlier_inputs
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.diagnosis.stages import DynamicTasks, dynamic_effects
 from daest.diagnosis.stand import Stand, quiet
@@ -35,7 +36,7 @@ from daest.diagnosis.unseen import innovations
 from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, error_ratios
+from daest.model.fit import FitResult, error_ratios, most_lasting
 from daest.modelica.attach import names_of
 from daest.modelica.clock import clock_unit
 from daest.modelica.sites import sites_left, unused_inputs
@@ -134,7 +135,7 @@ def _examined(
         clock=clock_unit(stand.declared),
     )
     if proofs and not options.is_over:
-        evidence = replace(evidence, earlier=gain_of_earlier_inputs(null))
+        evidence = replace(evidence, earlier=_earlier(stand, proofs))
     evidence, decided, learned = _decided(stand, run, evidence, loads, options, progress)
     if decided.name in OPEN and (learned is None or learned.against):
         proofs, is_in_time = course.in_pieces(proofs)
@@ -171,6 +172,17 @@ def _examined(
         is_by_colour=decided.is_by_colour,
         is_of_starts=decided.is_of_starts,
     )
+
+
+def _earlier(stand: Stand, proofs: Sequence[Proof]) -> EarlierInputs:
+    """The inputs that act before they are recorded: by many samples only of a model without effects, where no
+    law says all that there is to say, since that takes refits."""
+    null = stand.null
+    best = best_accepted(proofs)
+    lasts = best is not None and most_lasting(best.told.simulated)[1] >= GATES.told_rest
+    if stand.declared.attached or (best is not None and is_settled([best]) and not lasts):
+        return EarlierInputs(gain_of_earlier_inputs(null))
+    return earlier_inputs(null)
 
 
 def _decided(

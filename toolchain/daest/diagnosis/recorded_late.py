@@ -1,24 +1,90 @@
 """Inputs that act before they are recorded.
 
 A logger that writes the command of an interval at its end, beside what was measured there, shows effects
-before their causes. No law does that; a lag too many in the model does something like it, and so do a
-flexible part and a spring too stiff. What the recording cannot tell from inputs that are one sample late is
-not told to be a law.
+before their causes; so do two loggers whose clocks differ, and an input whose sensor is late. No law does
+that; a lag too many in the model does something like it, and so do a flexible part and a spring too stiff.
+What the recording cannot tell from inputs that are some samples late is not told to be a law.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null, refitted
+from daest.diagnosis.null import Null, period_of, refitted
 from daest.diagnosis.settled import FAILURES
 from daest.estimation.hold_search import moving_inputs
 from daest.model.experiment import Experiment
+from daest.model.fit import FitResult
 from daest.model.holds import ZOH
+
+SAMPLES = (2, 4, 8, 16, 32, 64)  # by which inputs are taken to be late at first
+SHARE = 20  # of a recording at most, one part of so many
+MOST_ALONE = 3  # inputs, of which each may be late alone
+
+
+@dataclass(frozen=True)
+class EarlierInputs:
+    """What the log-likelihood gains where the inputs `names` act so many `samples`, `seconds` in the unit of
+    the recording, before they are recorded; 0 where that is not clearly likelier."""
+
+    gain: float = 0.0
+    samples: int = 1
+    seconds: float = 0.0
+    names: tuple[str, ...] = ()
+    fit: FitResult | None = field(default=None, repr=False, compare=False)
+
+
+def earlier_inputs(null: Null) -> EarlierInputs:
+    """The inputs, all of them or one alone, that act some samples before they are recorded, where that is
+    likelier than that all act one sample before: searched for by doublings, then nearer."""
+    names = moving_inputs(null.experiments, null.flat.input_names)
+    one = EarlierInputs(gain_of_earlier_inputs(null), 1, period_of(null.experiments), tuple(names))
+    most = min(e.n_samples for e in null.experiments) // SHARE
+    groups = [names, *([name] for name in names if 1 < len(names) <= MOST_ALONE)]
+    found = [
+        late
+        for group in groups
+        for k in SAMPLES
+        if group and k <= most
+        for late in _late_by(null, group, k, EarlierInputs())
+    ]
+    best = max(found, key=lambda late: late.gain, default=one)
+    if best.gain < one.gain + GATES.min_late_gain:
+        return one
+    step = best.samples // 2
+    while step:
+        before = best.samples
+        for k in (before - step, before + step):
+            best = next(iter(_late_by(null, best.names, k, best)), best)
+        step = step if best.samples != before else step // 2
+    return best
+
+
+def _late_by(null: Null, names: Sequence[str], k: int, known: EarlierInputs) -> list[EarlierInputs]:
+    """What the model gains where those inputs act k samples earlier, if that is clearly more than what is
+    `known`, from whose fit it starts; else nothing."""
+    start = null if known.fit is None else replace(null, fit=known.fit)
+    flat = null.flat.with_theta(start.fit.theta)
+    shifted = tuple(ahead(e, k, names) for e in null.experiments)
+    least = null.fit.log_likelihood + max(known.gain, GATES.min_late_gain)
+    with suppress(*FAILURES):
+        fit = refitted(
+            flat,
+            replace(null.explicit, flat=flat),
+            null.estimated,
+            replace(start, experiments=shifted),
+            hopeless=least,
+            least=least,
+        ).fit
+        if fit.log_likelihood > least:
+            gain = fit.log_likelihood - null.fit.log_likelihood
+            return [EarlierInputs(gain, k, k * period_of(null.experiments), tuple(names), fit)]
+    return []
 
 
 def gain_of_earlier_inputs(null: Null) -> float:
@@ -29,9 +95,9 @@ def gain_of_earlier_inputs(null: Null) -> float:
     is_coarse = null.other_experiments is not None
     if null.hold == ZOH or is_coarse or not moving_inputs(null.experiments, null.flat.input_names):
         return 0.0
-    ahead = tuple(one_sample_ahead(e) for e in null.experiments)
+    shifted = tuple(ahead(e, 1, null.flat.input_names) for e in null.experiments)
     with suppress(*FAILURES):
-        earlier = replace(null, experiments=ahead, hold=ZOH)
+        earlier = replace(null, experiments=shifted, hold=ZOH)
         least = null.fit.log_likelihood + GATES.min_hold_gain
         fit = refitted(null.flat, null.explicit, null.estimated, earlier, hopeless=least, least=least).fit
         # The search ends early where it gains too little, not where it gains nothing.
@@ -39,7 +105,9 @@ def gain_of_earlier_inputs(null: Null) -> float:
     return 0.0
 
 
-def one_sample_ahead(experiment: Experiment) -> Experiment:
-    """The experiment with inputs that act one sample earlier, the last ones to its end."""
-    inputs = np.concatenate([experiment.inputs[1:], experiment.inputs[-1:]])
-    return replace(experiment, inputs=inputs)
+def ahead(experiment: Experiment, k: int, names: Sequence[str]) -> Experiment:
+    """The experiment with the inputs `names` k samples earlier, their last ones to its end."""
+    u = experiment.inputs
+    shifted = np.concatenate([u[k:], np.repeat(u[-1:], k, axis=0)])
+    is_late = [name in names for name in experiment.input_names]
+    return replace(experiment, inputs=np.where(is_late, shifted, u))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Protocol
 
@@ -16,6 +16,7 @@ from daest.diagnosis.noise_level import RECORDED, simulates_to_noise
 from daest.diagnosis.null import Null
 from daest.diagnosis.ranking import is_settled
 from daest.diagnosis.reasons import is_significant, told_values
+from daest.diagnosis.recorded_late import EarlierInputs
 from daest.diagnosis.screen import NullObserver, promising_pairs
 from daest.diagnosis.unseen import is_better, is_likelier, is_silent, is_worse
 from daest.estimation.gates import FIT
@@ -44,12 +45,16 @@ MOVING = (
 )
 BESIDE_SENSOR = "Calibrate the sensor, or measure the same quantity by another one."
 EARLIER = (
-    "The recording is likelier, by {:.0f} in log-likelihood, if its inputs act one sample before they are "
+    "The recording is likelier, by {gain:.0f} in log-likelihood, if {names} {samples} before they are "
     "recorded: no law comes before its cause, and none says more."
 )
 AT_ONCE = (
     "Find out whether the logger writes an input at the end of the interval in which it acts; if so, shift "
     "its column up by one row."
+)
+SOONER = (
+    "Find out whether the clocks of all columns agree, and how late the sensor of {names} is; if it is, "
+    "shift the column up by {samples} rows."
 )
 LARGER = "Record again with larger amplitudes, which show more of the form of the law."
 
@@ -78,7 +83,7 @@ class Evidence:
     unproved: tuple[Unproved, ...] = ()
     is_closed: bool = False  # nothing can be put, or measured, between the parts of the model
     still: str = ""
-    earlier: float = 0.0  # log-likelihood that the model gains where its inputs act before they are recorded
+    earlier: EarlierInputs = field(default_factory=EarlierInputs)
     clock: str = "s"  # what the model counts time in
 
 
@@ -146,7 +151,7 @@ def decide(evidence: Evidence) -> Decided:
         rejected = tuple(_refused(p, evidence.still) for p in evidence.proofs)
         decided = decide(replace(evidence, proofs=rejected, still=""))
         return decided if rejected == evidence.proofs else replace(decided, next_experiment=MOVING)
-    if evidence.earlier:
+    if evidence.earlier.gain:
         return _beside_earlier(evidence)
     accepted = [p for p in evidence.proofs if p.verdict != "rejected"]
     leader = _untried_leader(evidence, accepted)
@@ -165,19 +170,26 @@ def _refused(proof: Proof, reason: str) -> Proof:
 
 
 def _beside_earlier(evidence: Evidence) -> Decided:
-    """The verdict where the inputs may act one sample before they are recorded: no claim for what says no
-    more than that, which takes no parameter."""
-    gain = evidence.earlier
-    says = f"inputs that act a sample before they are recorded say as much (log-likelihood + {gain:.0f})"
+    """The verdict where the inputs may act before they are recorded: no claim for what says no more than
+    that, which takes no parameter."""
+    earlier = evidence.earlier
+    gain, names = earlier.gain, " and ".join(f"`{name}`" for name in earlier.names)
+    if earlier.samples == 1:
+        told, following = EARLIER.format(gain=gain, names="its inputs act", samples="one sample"), AT_ONCE
+    else:
+        samples = f"{earlier.samples} samples ({earlier.seconds:.3g} {evidence.clock})"
+        acts = f"{names} {'act' if len(earlier.names) > 1 else 'acts'}"
+        told = EARLIER.format(gain=gain, names=acts, samples=samples)
+        following = SOONER.format(names=names, samples=earlier.samples)
+    says = f"inputs that act before they are recorded say as much (log-likelihood + {gain:.0f})"
     least = 2.0 * gain
     proofs = tuple(p if p.delta_bic > least else _refused(p, says) for p in evidence.proofs)
-    decided = decide(replace(evidence, proofs=proofs, earlier=0.0))
+    decided = decide(replace(evidence, proofs=proofs, earlier=EarlierInputs()))
     if decided.name == "supported" or any(p.delta_bic > least for p in proofs):
         return decided
-    told = EARLIER.format(gain)
     if decided.name in ("nothing missing", "parameters off"):
-        return replace(decided, message=f"{decided.message} {told}", next_experiment=AT_ONCE)
-    return Decided("cannot tell", told, AT_ONCE, decided.proofs or proofs)
+        return replace(decided, message=f"{decided.message} {told}", next_experiment=following)
+    return Decided("cannot tell", told, following, decided.proofs or proofs)
 
 
 def _untried_leader(evidence: Evidence, accepted: Sequence[Proof]) -> Unproved | None:
