@@ -194,6 +194,22 @@ def test_leader_that_could_not_be_tried_forbids_any_other_claim():
     )
 
 
+def test_law_that_leaves_much_is_no_claim_beside_one_that_says_ten_times_as_much():
+    """A dead zone of a pump had been an outlet of a tank, far behind a limit of the pump that was refused."""
+    small = proof(simulated=0.9)
+    white = Agreement({"phi": 90.0}, {"phi": 0.9}, {"phi": 0.05})
+    told = replace(small.fit, simulated=dict.fromkeys(RECORDED, white))
+    left = replace(evidence().rest.form, p_value=1e-9, statistic=90.0)
+    small = replace(small, fit=told, left=left)
+    other = replace(proof("QuadraticDrag", "rejected", simulated=1.0), delta_bic=20.0 * small.delta_bic)
+    found = decide(evidence(proofs=[small, other]))
+    assert found.name == "cannot tell" and "QuadraticDrag" in found.message
+    for known in (replace(small, left=None), replace(small, fit=proof(simulated=0.9).fit)):
+        assert decide(evidence(proofs=[known, other])).name == "supported"
+    near = replace(other, delta_bic=5.0 * small.delta_bic)
+    assert decide(evidence(proofs=[small, near])).name == "supported"
+
+
 def test_leader_that_could_not_be_tried_forbids_no_claim_that_gained_far_more():
     """The screen foresees s² / 2, here 162 of a gain of 1000 that leaves nothing."""
     left = replace(evidence().rest.form, p_value=0.5, statistic=1.0)

@@ -210,7 +210,8 @@ def _untried_leader(evidence: Evidence, accepted: Sequence[Proof]) -> Unproved |
 def _far_better(evidence: Evidence, accepted: Sequence[Proof]) -> Proof | None:
     """A rejected candidate beside which no accepted one is what is missing: the best of them has a small
     share of its likelihood gain alone, and foresees unseen data far worse, in a simulation or over some
-    horizon. In a whole simulation what is missing besides may add up to more than what either does."""
+    horizon; or it has hardly any share, and all of the accepted ones leave what follows a variable and lasts.
+    In a whole simulation what is missing besides may add up to more than what either does."""
     if not accepted:
         return None
     gain = max(p.delta_bic for p in accepted)
@@ -220,9 +221,21 @@ def _far_better(evidence: Evidence, accepted: Sequence[Proof]) -> Proof | None:
         for p in evidence.proofs
         if p.verdict == "rejected"
         and gain < GATES.min_share_of_better * p.delta_bic
-        and (_error_ratio(evidence, p) < limit or _foresees_far_better(p, accepted))
+        and (
+            _error_ratio(evidence, p) < limit
+            or _foresees_far_better(p, accepted)
+            or (gain < GATES.min_share_of_refused * p.delta_bic and all(map(_leaves_much, accepted)))
+        )
     ]
     return max(better, key=lambda p: p.delta_bic, default=None)
+
+
+def _leaves_much(proof: Proof) -> bool:
+    """Whether what a law leaves of the loads follows a variable, and what its simulation leaves lasts."""
+    if proof.left is None or proof.adds_up:
+        return False
+    lasts = most_lasting(proof.told.simulated)[1] >= GATES.told_rest
+    return lasts and is_significant(proof.left, proof.delta_log_likelihood)
 
 
 def _foresees_far_better(proof: Proof, accepted: Sequence[Proof]) -> bool:
