@@ -477,6 +477,15 @@ def test_what_says_no_more_than_inputs_that_act_before_they_are_recorded_is_no_l
     assert (decided.proofs[0].verdict == "rejected") == is_told
 
 
+def test_inputs_that_are_many_samples_late_are_told_with_the_time():
+    late = EarlierInputs(60.0, 5, 0.05, ("u", "v"))
+    decided = decide(replace(evidence(proofs=[proof()]), earlier=late))
+    assert decided.name == "cannot tell" and "if `u` and `v` act 0.05 s before" in decided.message
+    assert "by as much, 0.05 s" in decided.next_experiment
+    alone = decide(replace(evidence(proofs=[proof()]), earlier=replace(late, names=("u",))))
+    assert "if `u` acts 0.05 s before" in alone.message
+
+
 def test_unrelated_load_is_external():
     found = decide(evidence())
     assert found.name == "external disturbance" and found.next_experiment.startswith("Repeat")

@@ -46,28 +46,23 @@ def earlier_inputs(null: Null) -> EarlierInputs:
     one = EarlierInputs(gain_of_earlier_inputs(null), 1, period_of(null.experiments), tuple(names))
     most = min(e.n_samples for e in null.experiments) // SHARE
     groups = [names, *([name] for name in names if 1 < len(names) <= MOST_ALONE)]
-    found = [
-        late
-        for group in groups
-        for k in SAMPLES
-        if group and k <= most
-        for late in _late_by(null, group, k, EarlierInputs())
-    ]
+    shifts = [(group, k) for group in groups for k in SAMPLES if group and k <= most]
+    found = [late for group, k in shifts if (late := _late_by(null, group, k, EarlierInputs()))]
     best = max(found, key=lambda late: late.gain, default=one)
     if best.gain < one.gain + GATES.min_late_gain:
         return one
     step = best.samples // 2
     while step:
         before = best.samples
-        for k in (before - step, before + step):
-            best = next(iter(_late_by(null, best.names, k, best)), best)
+        for k in (max(before - step, 1), min(before + step, most)):
+            best = _late_by(null, best.names, k, best) or best
         step = step if best.samples != before else step // 2
     return best
 
 
-def _late_by(null: Null, names: Sequence[str], k: int, known: EarlierInputs) -> list[EarlierInputs]:
+def _late_by(null: Null, names: Sequence[str], k: int, known: EarlierInputs) -> EarlierInputs | None:
     """What the model gains where those inputs act k samples earlier, if that is clearly more than what is
-    `known`, from whose fit it starts; else nothing."""
+    `known`, from whose fit it starts; else None."""
     start = null if known.fit is None else replace(null, fit=known.fit)
     flat = null.flat.with_theta(start.fit.theta)
     shifted = tuple(ahead(e, k, names) for e in null.experiments)
@@ -83,8 +78,8 @@ def _late_by(null: Null, names: Sequence[str], k: int, known: EarlierInputs) -> 
         ).fit
         if fit.log_likelihood > least:
             gain = fit.log_likelihood - null.fit.log_likelihood
-            return [EarlierInputs(gain, k, k * period_of(null.experiments), tuple(names), fit)]
-    return []
+            return EarlierInputs(gain, k, k * period_of(null.experiments), tuple(names), fit)
+    return None
 
 
 def gain_of_earlier_inputs(null: Null) -> float:

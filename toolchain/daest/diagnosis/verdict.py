@@ -45,7 +45,7 @@ MOVING = (
 )
 BESIDE_SENSOR = "Calibrate the sensor, or measure the same quantity by another one."
 EARLIER = (
-    "The recording is likelier, by {gain:.0f} in log-likelihood, if {names} {samples} before they are "
+    "The recording is likelier, by {gain:.0f} in log-likelihood, if {names} {time} before they are "
     "recorded: no law comes before its cause, and none says more."
 )
 AT_ONCE = (
@@ -54,7 +54,7 @@ AT_ONCE = (
 )
 SOONER = (
     "Find out whether the clocks of all columns agree, and how late the sensor of {names} is; if it is, "
-    "shift the column up by {samples} rows."
+    "shift the column by as much, {time}."
 )
 LARGER = "Record again with larger amplitudes, which show more of the form of the law."
 
@@ -175,12 +175,12 @@ def _beside_earlier(evidence: Evidence) -> Decided:
     earlier = evidence.earlier
     gain, names = earlier.gain, " and ".join(f"`{name}`" for name in earlier.names)
     if earlier.samples == 1:
-        told, following = EARLIER.format(gain=gain, names="its inputs act", samples="one sample"), AT_ONCE
+        told, following = EARLIER.format(gain=gain, names="its inputs act", time="one sample"), AT_ONCE
     else:
-        samples = f"{earlier.samples} samples ({earlier.seconds:.3g} {evidence.clock})"
+        time = f"{earlier.seconds:.3g} {evidence.clock}"
         acts = f"{names} {'act' if len(earlier.names) > 1 else 'acts'}"
-        told = EARLIER.format(gain=gain, names=acts, samples=samples)
-        following = SOONER.format(names=names, samples=earlier.samples)
+        told = EARLIER.format(gain=gain, names=acts, time=time)
+        following = SOONER.format(names=names, time=time)
     says = f"inputs that act before they are recorded say as much (log-likelihood + {gain:.0f})"
     least = 2.0 * gain
     proofs = tuple(p if p.delta_bic > least else _refused(p, says) for p in evidence.proofs)
