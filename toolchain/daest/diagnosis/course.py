@@ -19,6 +19,7 @@ from daest.diagnosis.ranking import (
     best_accepted,
     best_start,
     could_compete,
+    errors_last,
     is_settled,
     leader_of,
     leaves_something,
@@ -61,7 +62,7 @@ from daest.diagnosis.stand import Stand
 from daest.diagnosis.trials import Prepared, Trial, clipping_trials, n_seats, trials
 from daest.model.diagnosis import Candidate, Proof, Screen, Unproved
 from daest.model.effects import Effect, Site
-from daest.model.fit import FitResult, error_ratios, most_lasting
+from daest.model.fit import FitResult, error_ratios
 from daest.modelica.effects import adds_a_constant
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers
@@ -304,7 +305,7 @@ class Course:
             return False
         ratios = error_ratios(reference.fit.simulated, best.told.simulated)
         takes_most = bool(ratios) and max(ratios) <= GATES.max_most_ratio
-        return not takes_most and most_lasting(best.told.simulated)[1] >= GATES.told_rest
+        return not takes_most and errors_last(best)
 
     def _is_open(self, proofs: Sequence[Proof]) -> bool:
         """Whether no law is accepted, something is left to explain, and there is time for it."""

@@ -26,7 +26,7 @@ from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, grown, open_hold, with_other_hold
 from daest.diagnosis.open_loop import driven_share, open_screen
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
-from daest.diagnosis.ranking import best_accepted, is_settled
+from daest.diagnosis.ranking import best_accepted, errors_last, is_settled
 from daest.diagnosis.reasons import is_significant, unmoved
 from daest.diagnosis.recorded_late import EarlierInputs, earlier_inputs, gain_of_earlier_inputs
 from daest.diagnosis.screen import NullObserver, run_null, screen
@@ -36,7 +36,7 @@ from daest.diagnosis.unseen import innovations
 from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, error_ratios, most_lasting
+from daest.model.fit import FitResult, error_ratios
 from daest.modelica.attach import names_of
 from daest.modelica.clock import clock_unit
 from daest.modelica.sites import sites_left, unused_inputs
@@ -179,8 +179,8 @@ def _earlier(stand: Stand, proofs: Sequence[Proof]) -> EarlierInputs:
     law says all that there is to say, since that takes refits."""
     null = stand.null
     best = best_accepted(proofs)
-    lasts = best is not None and most_lasting(best.told.simulated)[1] >= GATES.told_rest
-    if stand.declared.attached or (best is not None and is_settled([best]) and not lasts):
+    says_all = best is not None and is_settled([best]) and not errors_last(best)
+    if stand.declared.attached or says_all:
         return EarlierInputs(gain_of_earlier_inputs(null))
     return earlier_inputs(null)
 

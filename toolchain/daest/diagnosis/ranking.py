@@ -16,7 +16,7 @@ from daest.diagnosis.trials import Trial
 from daest.diagnosis.unseen import is_worse
 from daest.model.diagnosis import Ahead, Candidate, Proof, Screen
 from daest.model.effects import EffectParameter
-from daest.model.fit import FittedParameter, error_ratios
+from daest.model.fit import FittedParameter, error_ratios, most_lasting
 
 
 def could_compete(trial: Trial, best: Proof | None, screen: Screen) -> bool:
@@ -642,6 +642,11 @@ def best_start(proofs: Sequence[Proof]) -> Proof | None:
     """The candidate from which a richer law would start: the best accepted one, or the most likely of those
     that say too little."""
     return best_accepted(proofs) or most_likely(proofs)
+
+
+def errors_last(proof: Proof) -> bool:
+    """Whether what a simulation of unseen data leaves lasts: something else is missing, or acts besides."""
+    return most_lasting(proof.told.simulated)[1] >= GATES.told_rest
 
 
 def leaves_something(proof: Proof) -> bool:

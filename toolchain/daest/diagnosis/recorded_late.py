@@ -43,7 +43,7 @@ def earlier_inputs(null: Null) -> EarlierInputs:
     """The inputs, all of them or one alone, that act some samples before they are recorded, where that is
     likelier than that all act one sample before: searched for by doublings, then nearer."""
     names = moving_inputs(null.experiments, null.flat.input_names)
-    one = EarlierInputs(gain_of_earlier_inputs(null), 1, period_of(null.experiments), tuple(names))
+    one = EarlierInputs(gain_of_earlier_inputs(null))
     most = min(e.n_samples for e in null.experiments) // SHARE
     groups = [names, *([name] for name in names if 1 < len(names) <= MOST_ALONE)]
     shifts = [(group, k) for group in groups for k in SAMPLES if group and k <= most]
@@ -64,21 +64,23 @@ def _late_by(null: Null, names: Sequence[str], k: int, known: EarlierInputs) -> 
     """What the model gains where those inputs act k samples earlier, if that is clearly more than what is
     `known`, from whose fit it starts; else None."""
     start = null if known.fit is None else replace(null, fit=known.fit)
-    flat = null.flat.with_theta(start.fit.theta)
-    shifted = tuple(ahead(e, k, names) for e in null.experiments)
     least = null.fit.log_likelihood + max(known.gain, GATES.min_late_gain)
+    fit = _fit_ahead(start, names, k, least)
+    if fit is None or fit.log_likelihood <= least:
+        return None
+    gain = fit.log_likelihood - null.fit.log_likelihood
+    return EarlierInputs(gain, k, k * period_of(null.experiments), tuple(names), fit)
+
+
+def _fit_ahead(start: Null, names: Sequence[str], k: int, least: float) -> FitResult | None:
+    """The model as it is refitted from its `start` with those inputs k samples earlier; None where that fails
+    or does not come up to the log-likelihood `least`, where the search ends early."""
+    shifted = tuple(ahead(e, k, names) for e in start.experiments)
+    flat = start.flat.with_theta(start.fit.theta)
+    explicit, earlier = replace(start.explicit, flat=flat), replace(start, experiments=shifted)
     with suppress(*FAILURES):
-        fit = refitted(
-            flat,
-            replace(null.explicit, flat=flat),
-            null.estimated,
-            replace(start, experiments=shifted),
-            hopeless=least,
-            least=least,
-        ).fit
-        if fit.log_likelihood > least:
-            gain = fit.log_likelihood - null.fit.log_likelihood
-            return EarlierInputs(gain, k, k * period_of(null.experiments), tuple(names), fit)
+        fit = refitted(flat, explicit, start.estimated, earlier, hopeless=least, least=least).fit
+        return fit if fit.log_likelihood >= least else None
     return None
 
 
@@ -90,14 +92,9 @@ def gain_of_earlier_inputs(null: Null) -> float:
     is_coarse = null.other_experiments is not None
     if null.hold == ZOH or is_coarse or not moving_inputs(null.experiments, null.flat.input_names):
         return 0.0
-    shifted = tuple(ahead(e, 1, null.flat.input_names) for e in null.experiments)
-    with suppress(*FAILURES):
-        earlier = replace(null, experiments=shifted, hold=ZOH)
-        least = null.fit.log_likelihood + GATES.min_hold_gain
-        fit = refitted(null.flat, null.explicit, null.estimated, earlier, hopeless=least, least=least).fit
-        # The search ends early where it gains too little, not where it gains nothing.
-        return fit.log_likelihood - null.fit.log_likelihood if fit.log_likelihood >= least else 0.0
-    return 0.0
+    least = null.fit.log_likelihood + GATES.min_hold_gain
+    fit = _fit_ahead(replace(null, hold=ZOH), null.flat.input_names, 1, least)
+    return 0.0 if fit is None else fit.log_likelihood - null.fit.log_likelihood
 
 
 def ahead(experiment: Experiment, k: int, names: Sequence[str]) -> Experiment:

@@ -23,7 +23,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.late_signals import LAG
 from daest.diagnosis.null import Null, period_of
 from daest.diagnosis.proof import bic_gain
-from daest.diagnosis.ranking import most_likely
+from daest.diagnosis.ranking import errors_last, most_likely
 from daest.diagnosis.reasons import NO_BEND, unseen_scales
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.settled import FAILURES
@@ -35,7 +35,7 @@ from daest.estimation.trajectories import TrajectoryProblem, prediction_errors
 from daest.model.diagnosis import Candidate, Proof, Screen, Screened
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, FittedParameter, IdentifyOptions, most_lasting
+from daest.model.fit import FitResult, FittedParameter, IdentifyOptions
 from daest.model.flat import FlatModel, with_equations
 from daest.modelica.attach import attach
 from daest.systems.integrate import integrator
@@ -634,8 +634,7 @@ def laws_at_its_place(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tu
     own = best.candidate
     if own.is_of_signal:
         return ()
-    lasts = not best.adds_up and most_lasting(best.told.simulated)[1] >= GATES.told_rest
-    is_partial = lasts and best.explained < GATES.all_explained
+    is_partial = not best.adds_up and errors_last(best) and best.explained < GATES.all_explained
     known = {p.candidate.effect.class_name for p in tried if p.candidate.site == own.site}
     plainer: dict[str, Trial] = {}
     shaped: dict[str, Trial] = {}

@@ -14,7 +14,7 @@ from daest.diagnosis.held_values import OtherValue
 from daest.diagnosis.load_starts import LoadStart, takes_over
 from daest.diagnosis.noise_level import RECORDED, simulates_to_noise
 from daest.diagnosis.null import Null
-from daest.diagnosis.ranking import is_settled
+from daest.diagnosis.ranking import errors_last, is_settled
 from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.recorded_late import EarlierInputs
 from daest.diagnosis.screen import NullObserver, promising_pairs
@@ -234,8 +234,7 @@ def _leaves_much(proof: Proof) -> bool:
     """Whether what a law leaves of the loads follows a variable, and what its simulation leaves lasts."""
     if proof.left is None or proof.adds_up:
         return False
-    lasts = most_lasting(proof.told.simulated)[1] >= GATES.told_rest
-    return lasts and is_significant(proof.left, proof.delta_log_likelihood)
+    return errors_last(proof) and is_significant(proof.left, proof.delta_log_likelihood)
 
 
 def _foresees_far_better(proof: Proof, accepted: Sequence[Proof]) -> bool:

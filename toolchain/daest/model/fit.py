@@ -167,10 +167,10 @@ def ratios_by_output(
     return {name: float("inf") if rms is None else rms / was for name, rms, was in pairs if was}
 
 
-def most_lasting(simulated: Mapping[str, Agreement], data: str = "validation") -> tuple[str, float]:
-    """The output whose errors in a simulation of that `data` last longest, and how many times their part
+def most_lasting(simulated: Mapping[str, Agreement]) -> tuple[str, float]:
+    """The output whose errors in a simulation of unseen data last longest, and how many times their part
     without memory they are; 0 where nothing is known."""
-    seen = simulated.get(data)
+    seen = simulated.get("validation")
     if seen is None:
         return "", 0.0
     pairs = ((name, seen.rms.get(name), white) for name, white in seen.white.items())

@@ -11,7 +11,7 @@ import rumoca
 
 from daest.errors import ModelError, Place
 from daest.modelica.library import library_root
-from daest.modelica.outline import Token, class_heads, imported, place_of, place_told, tokens
+from daest.modelica.outline import KINDS, Token, class_heads, imported, place_of, place_told, tokens
 from daest.near import did_you_mean, near_names
 
 STANDARD = "Modelica."  # how names of the Modelica Standard Library begin
@@ -318,9 +318,6 @@ _RESERVED = re.compile(
 )
 
 
-_KINDS = ("class", "model", "block", "package", "function", "record", "connector", "type")
-
-
 def syntax_fault(path: Path, text: bytes) -> ModelError | None:
     """The first place where the text is no Modelica, if there is one."""
     strange = next((token for token in tokens(text) if token.kind == "other" and token.text > "~"), None)
@@ -335,9 +332,11 @@ def syntax_fault(path: Path, text: bytes) -> ModelError | None:
     for diagnostic in _diagnostics(path, text):
         if diagnostic.rule != "syntax-error":
             continue
-        reserved_class = _reserved_class(text)
-        if reserved_class is not None:
-            return _reserved_fault(reserved_class, place_of(str(path), text, reserved_class.start))
+        word = _reserved_class(text)
+        if word is not None:
+            where = place_of(str(path), text, word.start)
+            said = f"unexpected `{word.text}`"
+            return ModelError("model-syntax", said, where=where, remedy=_no_name(word.text))
         shown = diagnostic.message
         position = _POSITION.search(shown)
         where = Place(str(path))
@@ -351,7 +350,7 @@ def syntax_fault(path: Path, text: bytes) -> ModelError | None:
             remedy = "Write the same name behind `model` and behind `end`."
         reserved = _reserved_name(said, text, where)
         if reserved:
-            remedy = f"`{reserved}` is a word of the language and cannot name anything: write `{reserved}_`."
+            remedy = _no_name(reserved)
         return ModelError("model-syntax", said, where=where, remedy=remedy)
     return None
 
@@ -364,20 +363,15 @@ def _reserved_class(text: bytes) -> Token | None:
         (
             word
             for kind, word in pairwise(found)
-            if kind.kind == "name" and kind.text in _KINDS and _RESERVED.fullmatch(word.text)
-            if word.text not in {"extends", *_KINDS}
+            if kind.kind == "name" and kind.text in KINDS and _RESERVED.fullmatch(word.text)
+            if word.text not in {"extends", *KINDS}
         ),
         None,
     )
 
 
-def _reserved_fault(word: Token, where: Place) -> ModelError:
-    return ModelError(
-        "model-syntax",
-        f"unexpected `{word.text}`",
-        where=where,
-        remedy=f"`{word.text}` is a word of the language and cannot name anything: write `{word.text}_`.",
-    )
+def _no_name(word: str) -> str:
+    return f"`{word}` is a word of the language and cannot name anything: write `{word}_`."
 
 
 def _reserved_name(said: str, text: bytes, where: Place) -> str:

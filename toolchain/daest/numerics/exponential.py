@@ -21,9 +21,7 @@ from scipy.linalg.lapack import dpstrf
 
 SHORT_STEP_NORM = 0.5  # ‖A h‖₁ up to which Van Loan's block is evaluated directly, before doubling
 LARGE = 100  # states from which on series and doublings of the parts replace exponentials of block matrices
-MANY = (
-    20  # states from which on they do so for derivatives, of which each takes a matrix of six times the size
-)
+MANY = 20  # the same for derivatives, of which each takes a matrix of twice that size
 TERMS = 16  # of the series at ‖A h‖₁ = SHORT_STEP_NORM: the next is 1e-19
 LONGEST_REACH = 2.0  # |A| times what a period differs by, up to which a series takes it from one to the other
 MOST_PARTS = 8  # in which near periods are taken so: with more, exponentials of each cost as little

@@ -86,9 +86,14 @@ def _errors(entry: Mapping[str, Any], outputs: Mapping[str, str]) -> list[str]:
     return [number(errors.get(name), 3) for name in outputs]
 
 
+def fed(name: str, entry: Mapping[str, Any]) -> str:
+    """The `name` of an effect with the signals that feed it, if an entry of a document has any."""
+    signals = ", ".join(entry.get("inputs", {}).values())
+    return f"{name} ({signals})" if signals else name
+
+
 def _named(candidate: Mapping[str, Any]) -> str:
-    signal = f" ({', '.join(candidate['inputs'].values())})" if candidate["inputs"] else ""
-    return f"{candidate['effect']}{signal}"
+    return fed(candidate["effect"], candidate)
 
 
 def _label(candidate: Mapping[str, Any]) -> str:

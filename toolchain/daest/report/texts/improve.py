@@ -41,9 +41,8 @@ def _summary(document: Mapping[str, Any]) -> str:
 
 
 def _added(step: Mapping[str, Any]) -> str:
-    """The effect of a step with the signals that feed it; empty where it added none."""
-    fed = ", ".join(step.get("inputs", {}).values())
-    return f"{step['added']} ({fed})" if fed else step["added"] or ""
+    """The effect of a step; empty where it added none."""
+    return diagnose.fed(step["added"] or "", step)
 
 
 def _ledger(document: Mapping[str, Any]) -> RenderableType:
