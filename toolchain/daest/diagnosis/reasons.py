@@ -498,15 +498,32 @@ def told_values(proof: Proof) -> str:
     messages tell them: of a place that may be anywhere, as the one of two stops that is never reached, no
     more than that; and the number of periods in a turn that the screen has found."""
     own = f"{proof.candidate.name}."
-    places = {own + p.name for p in proof.candidate.effect.parameters if _is_place(p)}
+    places = {own + p.name: p for p in proof.candidate.effect.parameters if _is_place(p)}
 
     def said(p: FittedParameter) -> str:
-        is_open = p.name in places and p.std_error is not None and p.std_error > abs(p.value)
+        is_open = p.name in places and _is_anywhere(p, _reach(proof.candidate, places[p.name]))
         return f"{p.name.removeprefix(own)} not reached" if is_open else told_value(p)
 
     told = [said(p) for p in proof.told.parameters if p.name.startswith(own)]
     told += _told_periods(proof.candidate)
     return ", ".join(told + [_told(p.name, p) for p in known_products(proof.candidate, proof.told)])
+
+
+def _is_anywhere(place: FittedParameter, reach: float) -> bool:
+    """Whether a place along a variable may be at nothing and beyond all that the variable reaches: one that
+    is known to be near nothing, as where a drain dries up, is a place like others."""
+    if place.std_error is None:
+        return False
+    return place.std_error > abs(place.value) and abs(place.value) + place.std_error > reach
+
+
+def _reach(candidate: Candidate, place: EffectParameter) -> float:
+    """How far the recordings take the variable that a place lies on, as the rounding of the law's kink over
+    the same variable has it; 0 where the law has none."""
+    for p in candidate.effect.parameters:
+        if p.role == "sharpness" and p.scale_of == place.scale_of and p.grid and p.name in candidate.shape:
+            return abs(candidate.shape[p.name]) / p.grid[0]
+    return 0.0
 
 
 def _told_periods(candidate: Candidate) -> list[str]:
