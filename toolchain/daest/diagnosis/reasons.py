@@ -162,6 +162,30 @@ def not_determined(
     return f"the data determine {what} ({', '.join(unknown)})"
 
 
+def in_place_of_a_parameter(
+    candidate: Candidate, told: FitResult, before: FitResult, ratios: Sequence[float]
+) -> str:
+    """Why a lag or dead time of a signal is nothing that the model lacks, where it does what one of the
+    estimated parameters did, which was known in the fit `before` and beside it may be nothing: the time
+    constant of a store that has moved in front of it changes the noise alone. Empty where it is not, or where
+    a simulation of unseen data has become clearly better; `ratios` are of its errors, with to without."""
+    if not (candidate.is_dynamic and candidate.is_of_signal) or not ratios:
+        return ""
+    if min(ratios) < GATES.max_clear_ratio:
+        return ""
+    after = {p.name: p for p in told.parameters}
+    for was in before.parameters:
+        now = after.get(was.name)
+        if now is None or not was.std_error or now.std_error is None:
+            continue
+        if abs(was.value) > GATES.min_significance * was.std_error and now.std_error > abs(now.value):
+            return (
+                f"it does what {was.name} did, which is {told_number(now)} beside it and {told_number(was)} "
+                "without, and simulates unseen data no better"
+            )
+    return ""
+
+
 def without_form(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why the law is not what its name says, where a length or speed over which it has its form is so large
     that the recordings show a part of the form alone, which may belong to any other: a third of a period is a
