@@ -76,6 +76,7 @@ def test_a_lag_is_told_where_dead_times_are_far_from_it(dead_times, is_told):
         ((0.4, 1.3), 0.99, True, True),
         ((0.4, 1.3), 0.8, True, False),  # and yet unseen data are simulated better
         ((9.0, 0.8), 0.99, True, False),  # a store beside another
+        ((9.0, 20.0), 0.99, True, False),  # as long as the other
         ((0.4, 1.3), 0.99, False, False),  # friction may do all that a damper did
     ],
 )

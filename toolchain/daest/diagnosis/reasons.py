@@ -166,9 +166,10 @@ def in_place_of_a_parameter(
     candidate: Candidate, told: FitResult, before: FitResult, ratios: Sequence[float]
 ) -> str:
     """Why a lag or dead time of a signal is nothing that the model lacks, where it does what one of the
-    estimated parameters did, which was known in the fit `before` and beside it may be nothing: the time
-    constant of a store that has moved in front of it changes the noise alone. Empty where it is not, or where
-    a simulation of unseen data has become clearly better; `ratios` are of its errors, with to without."""
+    estimated parameters did, which was known in the fit `before` and beside it is nothing, as far as that was
+    known: the time constant of a store that has moved in front of it changes the noise alone. Of two equal
+    lags either may be anything, and is not nothing. Empty where it is none of that, or where a simulation of
+    unseen data has become clearly better; `ratios` are of its errors, with to without."""
     if not (candidate.is_dynamic and candidate.is_of_signal) or not ratios:
         return ""
     if min(ratios) < GATES.max_clear_ratio:
@@ -178,7 +179,8 @@ def in_place_of_a_parameter(
         now = after.get(was.name)
         if now is None or not was.std_error or now.std_error is None:
             continue
-        if abs(was.value) > GATES.min_significance * was.std_error and now.std_error > abs(now.value):
+        was_known = abs(was.value) > GATES.min_significance * was.std_error
+        if was_known and abs(now.value) < min(was.std_error, now.std_error):
             return (
                 f"it does what {was.name} did, which is {told_number(now)} beside it and {told_number(was)} "
                 "without, and simulates unseen data no better"
