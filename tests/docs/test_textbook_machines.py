@@ -7,6 +7,8 @@ import pytest
 from test_rates import ROOT, loaded
 
 import daest
+from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.stand import begin
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import effect_library
@@ -47,6 +49,18 @@ def test_a_machine_without_effects_is_its_model_at_the_true_values(study, tmp_pa
     run = daest.simulate(model, record, theta=theta, hold="zoh")
     error = np.column_stack([run[output] for output in machine.noise]) - y
     assert np.abs(error / list(machine.noise.values())).max() < 0.02
+
+
+def test_loads_hide_no_better_values_of_a_resonance_that_is_sampled_slowly(study, tmp_path):
+    case, every = study.NAMED["shaft nothing"], 20
+    machine, rng = study.with_effects("shaft", ()), case.rng(102)
+    fault = sys.modules["textbook_machines"].FAULTS[int(rng.integers(5))]
+    u, y = sys.modules["textbook_machines"].recording(machine, fault, rng, every)
+    study.write(tmp_path, machine, u, y, every)
+    time = every * machine.period * np.arange(len(u))
+    record = Experiment("run", time, u, y, tuple(machine.inputs), tuple(machine.noise))
+    stand = begin(compile_model(tmp_path / "Machine.mo"), [record], [], DiagnoseOptions())
+    assert stand.null.fit.theta["k"] == pytest.approx(machine.k, rel=0.01)
 
 
 def test_names_of_effects_are_laws_and_their_sizes_change_the_machine(study):

@@ -405,9 +405,8 @@ def _fit_from(
     try:
         options = replace(given, estimate=(*physical, *bounds), bounds=bounds)
         fit = identify(loaded, experiments, options)
-        if is_affine:
-            return fit
-        fit = _from_faster_loads(fit, loaded, experiments, options, times)
+        if not is_affine:
+            fit = _from_faster_loads(fit, loaded, experiments, options, times)
         return _from_simulation(fit, loaded, experiments, options, physical)
     except EstimationError as error:
         if not _is_about(error, times):
@@ -439,12 +438,12 @@ def _from_simulation(
     options: IdentifyOptions,
     physical: tuple[str, ...],
 ) -> FitResult:
-    """The more likely of the `fit` and one that starts where the model without loads simulates best: what the
-    given values of the parameters `physical` lack, a fast load does as well, and the search of a nonlinear
-    model may end beside it."""
+    """The more likely of the `fit` and one that starts where the model without loads simulates best, beyond
+    hills if need be: what the given values of the parameters `physical` lack, loads do as well, and the
+    search may end beside them. That of a shaft, sampled four times in a period of its resonance, did."""
     if not physical:
         return fit
-    alone = replace(options, method="oe", estimate=physical, bounds={})
+    alone = replace(options, method="oe", estimate=physical, bounds={}, hills=True)
     with suppress(EstimationError):
         simulated = identify(loaded, experiments, alone)
         start = {name: simulated.theta[name] for name in physical}

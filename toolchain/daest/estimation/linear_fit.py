@@ -304,9 +304,9 @@ def _simulated_from(setup: Setup, problem: Problem, z: np.ndarray) -> Found | No
 
 def _searched(setup: Setup, problem: Problem, home: np.ndarray) -> Search:
     """The search over the unknowns of `problem`. Without a second look it trusts its parabola; that of a
-    simulation then looks over no hills."""
+    simulation then looks over no hills unless they are asked for."""
     unknowns, options = problem.unknowns, setup.options
-    is_quick = setup.method == "oe" and not options.second_look
+    is_quick = setup.method == "oe" and not options.second_look and not options.hills
     return Search(
         objective(problem),
         unknowns,

@@ -37,7 +37,8 @@ class IdentifyOptions:
     takes the better one. `starts` searches from that many start points, seeded by `seed`, in `jobs` processes
     where that is worth while, or on the Dask `cluster` at an address, with the same result; without
     `second_look` a fit that leaves coloured residuals is not tried again from elsewhere, hills beside its end
-    are looked over only where they show, and the ends of its intervals are not looked at. `likelihood` is
+    are looked over only where they show (of a simulation with `hills`), and the ends of its intervals are not
+    looked at. `likelihood` is
     that of the one-step predictions of a nonlinear model ("pem"): by an observer with a constant gain, or by
     the extended Kalman filter, which suits smooth models and estimates the noise exactly. `split` in (0, 1)
     keeps that first part of every experiment for the estimation and the rest for the validation. `profile`
@@ -63,6 +64,7 @@ class IdentifyOptions:
     seed: int = 0
     max_iterations: int = 60
     second_look: bool = True
+    hills: bool = False
     likelihood: Literal["observer", "ekf"] = "observer"
     split: float | None = None
     profile: tuple[str, ...] = ()
