@@ -46,7 +46,7 @@ def begun(monkeypatch, first, *, is_near=False):
 
 
 def test_a_start_that_the_first_samples_show_is_looked_for_amid_the_run(monkeypatch):
-    """Behind a sensor that saturates: a concentration of -150 mg/l in place of 14.5, and 7 times the noise."""
+    """Behind a sensor that saturates: -150 mg/l in place of 14.5, with 7 times the noise."""
     assert begun(monkeypatch, 50.0) == ([0.0, 14.0], 14.5)
 
 
