@@ -739,11 +739,13 @@ def with_effects(name: str, effects: Sequence[str]) -> Machine:
 # Recordings -------------------------------------------------------------------------------------------------
 
 
-def recording(machine: Machine, fault: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs and outputs (samples, signals) as they are recorded."""
-    n = machine.samples
-    u = np.column_stack([curve(n, machine.period, rng) for curve in machine.inputs.values()])
-    y = simulated(machine, u, fault)
+def recording(
+    machine: Machine, fault: str, rng: np.random.Generator, every: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs and outputs (samples, signals) as they are recorded, in periods `every` times as long."""
+    n, period = machine.samples // every, machine.period * every
+    u = np.column_stack([curve(n, period, rng) for curve in machine.inputs.values()])
+    y = simulated(machine, u, fault, every)
     noise = rng.standard_normal(y.shape)
     if fault == "coloured":
         for k in range(1, n):
@@ -755,7 +757,7 @@ def recording(machine: Machine, fault: str, rng: np.random.Generator) -> tuple[n
     return u, y
 
 
-def simulated(machine: Machine, u: np.ndarray, fault: str = "none") -> np.ndarray:
+def simulated(machine: Machine, u: np.ndarray, fault: str = "none", every: int = 1) -> np.ndarray:
     """Outputs (samples, outputs) without noise; inputs keep their values between the samples."""
     x, y = list(machine.start), []
     value = getattr(machine, machine.drifting)
@@ -764,7 +766,7 @@ def simulated(machine: Machine, u: np.ndarray, fault: str = "none") -> np.ndarra
         y.append(machine.outputs(x))
         if fault == "drift":
             setattr(machine, machine.drifting, value * (1.0 + DRIFT * (k / len(u) - 0.5)))
-        for _ in range(machine.substeps):
+        for _ in range(every * machine.substeps):
             x = stepped(machine, x, now, machine.period / machine.substeps)
     setattr(machine, machine.drifting, value)
     return np.array(y)

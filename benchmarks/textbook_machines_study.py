@@ -1,14 +1,15 @@
 """What `daest diagnose` and `improve` say of eleven machines of text books, asked as a user would.
 
-    python benchmarks/textbook_machines_study.py [--machine NAME ...] [--pairs] [--seed N] [--jobs N]
-                                                 [--json FILE] [--keep DIR] [--list]
+    python benchmarks/textbook_machines_study.py [--machine NAME ...] [--pairs] [--seed N] [--every N]
+                                                 [--jobs N] [--json FILE] [--keep DIR] [--list]
 
-Every machine of `textbook_machines` is recorded once with each of its effects and once with none. A fault
-is drawn for each recording: none, a parameter that drifts by 3 %, quantisation, coloured noise of sensors, or
-a first input that is 1 % larger than recorded. `--pairs` hides two effects at once and asks `improve`.
-Names are judged, not places. `--machine` takes a machine or a case, as `car` or `car stop`. `--json FILE`
-keeps one line per recording; those that are in it are not done again. `--keep DIR` keeps the folders of the
-commands.
+Every machine of `textbook_machines` is recorded once with each of its effects and once with none. A fault is
+drawn for each recording: none, a parameter that drifts by 3 %, quantisation, coloured noise of sensors, or a
+first input that is 1 % larger than recorded. `--every N` records in periods that are N times longer, so that
+the same time has so many samples less: 10 leaves 240 or 300. `--pairs` hides two effects at once and asks
+`improve`. Names are judged, not places. `--machine` takes a machine or a case, as `car` or `car stop`.
+`--json FILE` keeps one line per recording; those that are in it are not done again. `--keep DIR` keeps the
+folders of the commands.
 """
 
 from __future__ import annotations
@@ -99,25 +100,26 @@ class Run:
 # One recording ----------------------------------------------------------------------------------------------
 
 
-def one_run(place: Path | None, task: tuple[str, int]) -> Run:
-    """Make the recording of a case and seed, and ask as a user would; `place` None: in a temporary folder."""
+def one_run(place: Path | None, every: int, task: tuple[str, int]) -> Run:
+    """Make the recording of a case and seed, in periods that are `every` times longer, and ask as a user
+    would; `place` None: in a temporary folder."""
     name, seed = task
     if place is None:
         with tempfile.TemporaryDirectory() as temporary:
-            return asked(Path(temporary), name, seed)
+            return asked(Path(temporary), name, seed, every)
     folder = place / f"{name.replace(' ', '_')}-{seed}"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    return asked(folder, name, seed)
+    return asked(folder, name, seed, every)
 
 
-def asked(folder: Path, name: str, seed: int) -> Run:
+def asked(folder: Path, name: str, seed: int, every: int) -> Run:
     """What the commands say of a case in a folder that is empty before."""
     case = NAMED[name]
     rng = case.rng(seed)
     fault = FAULTS[int(rng.integers(len(FAULTS)))]
     machine = with_effects(case.group, case.effects)
-    write(folder, machine, *recording(machine, fault, rng))
+    write(folder, machine, *recording(machine, fault, rng, every), every)
     before = os.times()
     question, answer, told = IMPROVE if len(case.effects) > 1 else DIAGNOSE
     stopped = command(folder, "init", "Machine.mo", "data.csv") or command(folder, question, "--jobs", "1")
@@ -132,10 +134,10 @@ def asked(folder: Path, name: str, seed: int) -> Run:
     return Run(name, seed, fault, verdict, claimed, round(seconds, 1))
 
 
-def write(folder: Path, machine: Machine, u: np.ndarray, y: np.ndarray) -> None:
+def write(folder: Path, machine: Machine, u: np.ndarray, y: np.ndarray, every: int = 1) -> None:
     """The model and the recording, as `Machine.mo` and `data.csv`."""
     (folder / "Machine.mo").write_text(machine.model, encoding="utf-8")
-    time = machine.period * np.arange(len(u))
+    time = machine.period * every * np.arange(len(u))
     head = ",".join(("time", *machine.inputs, *machine.noise))
     table = np.column_stack([time, u, y])
     np.savetxt(folder / "data.csv", table, fmt="%.8g", delimiter=",", header=head, comments="")
@@ -238,6 +240,7 @@ def main() -> None:
     parser.add_argument("--machine", action="append", default=[], help="machine or case; may be repeated")
     parser.add_argument("--pairs", action="store_true", help="two effects at once, asked of improve")
     parser.add_argument("--seed", type=int, default=1, help="of the recordings")
+    parser.add_argument("--every", type=int, default=1, help="periods that are so many times longer")
     parser.add_argument("--jobs", type=int, default=1, help="recordings at a time")
     parser.add_argument("--json", type=Path, help="file that keeps the runs")
     parser.add_argument("--keep", type=Path, help="folder that keeps models, recordings and results")
@@ -252,7 +255,7 @@ def main() -> None:
     runs = [run for run in kept(options.json) if (run.case, run.seed) in wanted]
     tasks = [task for task in wanted if task not in {(run.case, run.seed) for run in runs}]
     with workers(options.jobs, None) as pool:
-        asks = partial(one_run, options.keep and options.keep.resolve())
+        asks = partial(one_run, options.keep and options.keep.resolve(), options.every)
         runs += [outcome.get() for outcome in pool.map(asks, tasks, arrived=partial(keep, options.json))]
     print(table(runs))
 

@@ -263,8 +263,8 @@ def test_refused_names(cart, daest):
 
 
 def test_refused_data(cart, daest):
-    err = refusal(daest, "rub.csv", "--to", "4")
-    assert "error[diagnose-too-short]" in err and "400 samples" in err and "both directions" in err
+    err = refusal(daest, "rub.csv", "--to", "1")
+    assert "error[diagnose-too-short]" in err and "100 samples" in err and "both directions" in err
     constant = recording(1000, 6)
     constant[:, 1] = 1.0
     write_recording(cart / "constant.csv", constant)

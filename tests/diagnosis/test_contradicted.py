@@ -107,3 +107,25 @@ def test_what_the_mended_recording_does_not_show_is_no_contradiction(case):
     spoilt = replace(spoilt, outputs=spoilt.outputs + np.outer(rng.normal(size=600), [0.0, size]))
     assert [one.signal for one in contradictions(flat, spoilt)] == ["v"]
     assert contradicted(flat, [spoilt], [spoilt], None) is None
+
+
+FLASK = b"""model Flask "Acid into a flask whose surplus of acid at the start nobody knows"
+  parameter Real c(unit = "mol/l", min = 0) = 0.005 annotation(__Daest(estimate = true));
+  input Real q(unit = "1/s");
+  Real x(unit = "mol/l", start = 0.003, fixed = false);
+  output Real pH(unit = "1");
+equation
+  der(x) = q*(2*c - x);
+  pH = -log10(x/2 + sqrt(x^2/4 + 1e-14));
+end Flask;
+"""
+
+
+def test_a_start_on_the_other_side_is_none_with_any_of_the_parameter_values():
+    """A feed of a tenth, into lye for acid: with the model's feed its curve bends the other way from both
+    starts."""
+    time, rate, feed = np.arange(681.0), 3.59 / 1700, 0.000535
+    x = 2 * feed + (-0.0045 - 2 * feed) * np.exp(-rate * time)
+    ph = -np.log10(x / 2 + np.sqrt(x**2 / 4 + 1e-14))
+    acid = Experiment("acid", time, np.full((time.size, 1), rate), ph[:, None], ("q",), ("pH",))
+    assert contradictions(compile_text(FLASK, Path("Flask.mo")), acid) == []

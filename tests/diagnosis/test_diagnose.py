@@ -286,26 +286,26 @@ def test_restriction_to_places():
 
 def test_too_short_a_record_is_refused():
     with pytest.raises(EstimationError) as caught:
-        diagnosed(rotor_record(300, seed=1)[0])
-    assert caught.value.code == "diagnose-too-short" and "400 samples" in caught.value.remedy
-    assert "more of the 300 that there are estimate: --split 0.67" in caught.value.remedy
+        diagnosed(rotor_record(75, seed=1)[0])
+    assert caught.value.code == "diagnose-too-short" and "100 samples" in caught.value.remedy
+    assert "more of the 75 that there are estimate: --split 0.67" in caught.value.remedy
     with pytest.raises(EstimationError) as caught:
-        diagnosed(rotor_record(210, seed=1)[0])
+        diagnosed(rotor_record(52, seed=1)[0])
     assert "--split" not in caught.value.remedy
-    whole = rotor_record(300, seed=1)[0]
+    whole = rotor_record(75, seed=1)[0]
     with pytest.raises(EstimationError) as caught:  # what validates is there: half as many are enough
-        diagnose(model(), library(), [part_of(whole, 0, 100)], [part_of(whole, 100, 300)], options())
-    assert "at least 200 samples beside those that validate" in caught.value.remedy
+        diagnose(model(), library(), [part_of(whole, 0, 25)], [part_of(whole, 25, 75)], options())
+    assert "at least 50 samples beside those that validate" in caught.value.remedy
 
 
 def test_share_that_is_enough_is_one_of_the_time_of_the_same_recordings():
-    record = rotor_record(300, seed=1)[0]
+    record = rotor_record(75, seed=1)[0]
     step = record.time[1] - record.time[0]
-    paused = replace(record, time=record.time + np.where(np.arange(300) < 160, 0.0, 100.0 * step))
+    paused = replace(record, time=record.time + np.where(np.arange(75) < 40, 0.0, 25.0 * step))
     with pytest.raises(EstimationError) as caught:
         diagnosed(paused)
-    assert "more of the 300 that there are estimate: --split 0.75" in caught.value.remedy
-    parts = part_of(record, 0, 150), replace(part_of(record, 150, 300), name="other run")
+    assert "more of the 75 that there are estimate: --split 0.75" in caught.value.remedy
+    parts = part_of(record, 0, 37), replace(part_of(record, 37, 75), name="other run")
     with pytest.raises(EstimationError) as caught:  # which --split would leave out
         diagnose(model(), library(), parts[:1], parts[1:], options("CoulombFriction"))
     assert "--split" not in caught.value.remedy

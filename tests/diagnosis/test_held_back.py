@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from daest.diagnosis import diagnose as diagnosing
 from daest.diagnosis import improve as improving
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.held_back import lags_in_the_way
@@ -179,3 +180,36 @@ def test_no_second_lag_beside_one_that_has_let_no_law_in(monkeypatch):
         assert improving._beside_lag(task, path, None) == []
         assert tried == expected
         tried.clear()
+
+
+def test_a_lag_is_looked_beside_with_the_inputs_held_otherwise_too(monkeypatch):
+    """As improve does: the radiation of an oven behind a late heater had been found by that alone."""
+    stand = SimpleNamespace(null=SimpleNamespace(fit=None))
+    nothing, both = (
+        SimpleNamespace(proofs=proofs, is_of_starts=False, told=told)
+        for proofs, told in (((), "nothing"), (("lag", "radiation"), "both"))
+    )
+    begun: list[object] = []
+
+    def begin(*of):
+        begun.append(of[3].tried)
+        return stand
+
+    def behind_a_lag(*_):
+        return both if begun == [None, "zoh"] else None
+
+    for name, made in {
+        "begin": begin,
+        "limited": lambda one, *_: (one, ()),
+        "examine": lambda *_: nothing,
+        "_behind_a_lag": behind_a_lag,
+        "led_elsewhere": lambda *_: None,
+        "known_values": lambda _: {},
+        "unsettled_hold": lambda *_: "zoh",
+        "says_more": lambda proofs, *_: bool(proofs),
+        "told_whole": lambda found, *_: found,
+        "Holds": lambda *_: SimpleNamespace(better=lambda _: None, watched=None),
+    }.items():
+        monkeypatch.setattr(diagnosing, name, made)
+    found = diagnosing._from_inside(None, (), (), (), DiagnoseOptions(), lambda _: None)
+    assert found.told == "both" and begun == [None, "zoh"]

@@ -114,6 +114,14 @@ def test_no_place_is_an_error():
     with pytest.raises(EstimationError) as caught:
         fit_null(still, [], (rotor_record(300)[0],), "zoh")
     assert caught.value.code == "diagnose-no-place" and "connectors" in caught.value.remedy
+    moved = compile_text(
+        b'model D input Real x(unit = "m"); output Real F(unit = "N"); Real s(unit = "m"); '
+        b"equation s = x; F = 3*der(s); end D;",
+        Path("D.mo"),
+    )
+    with pytest.raises(EstimationError) as caught:
+        fit_null(moved, [], (rotor_record(300)[0],), "zoh")
+    assert "nor states" in caught.value.what and "connectors" in caught.value.remedy
     loose = [s for s in sites(model("TwoMass")) if s.name == "loose.flange_a"]
     with pytest.raises(EstimationError) as caught:
         fit_null(without_noises(model("TwoMass")), loose, (rotor_record(300)[0],), "zoh")

@@ -1150,6 +1150,23 @@ def test_the_stop_that_is_never_reached_is_told_as_that():
     assert "phi_max = 0.22" in said and said.endswith("phi_min not reached")
 
 
+def test_a_place_near_nothing_is_told_where_the_recordings_reach_far_beyond_it():
+    _, proof = proved()
+    size = next(p for p in proof.fit.parameters if p.name.startswith(proof.candidate.name))
+    effect = next(e for e in library() if e.name == "OneSidedLimit")
+    drain = replace(proof.candidate, effect=effect, shape={"u_s": 9e-5})  # of 0.009 m/d that are drained
+    values = {"share": (0.98, 0.012), "limit": (-2.5e-4, 3.9e-4)}
+    own = tuple(
+        replace(size, name=f"{drain.name}.{name}", value=value, std_error=error, unit="m/d")
+        for name, (value, error) in values.items()
+    )
+    near = replace(proof, candidate=drain, fit=replace(proof.fit, parameters=own), final=None)
+    assert "limit = -0.00025 ± 0.00039 m/d" in told_values(near)
+    anywhere = replace(own[1], std_error=0.02)
+    far = replace(near, fit=replace(proof.fit, parameters=(own[0], anywhere)))
+    assert told_values(far).endswith("limit not reached")
+
+
 def test_how_often_a_law_repeats_is_told_where_it_was_counted():
     _, proof = proved()
     cogging = next(e for e in library() if e.name == "CoggingTorque")

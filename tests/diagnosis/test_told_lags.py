@@ -9,6 +9,7 @@ from test_load_starts import _diagnosed, _warmed
 
 from daest.diagnosis.dead_times import DELAY
 from daest.diagnosis.late_signals import LAG
+from daest.diagnosis.reasons import in_place_of_a_parameter
 from daest.diagnosis.rivals import shortest_lag, told_apart
 
 
@@ -67,3 +68,32 @@ def test_a_lag_is_told_where_dead_times_are_far_from_it(dead_times, is_told):
     assert (found.verdict, found.reason == "", found.is_any_dynamics) == (
         ("supported", True, False) if is_told else ("rejected", False, True)
     )
+
+
+@pytest.mark.parametrize(
+    ("beside", "ratio", "is_dynamic", "is_refused"),
+    [
+        ((0.4, 1.3), 0.99, True, True),
+        ((0.4, 1.3), 0.8, True, False),  # and yet unseen data are simulated better
+        ((9.0, 0.8), 0.99, True, False),  # a store beside another
+        ((9.0, 20.0), 0.99, True, False),  # as long as the other
+        ((0.4, 1.3), 0.99, False, False),  # friction may do all that a damper did
+    ],
+)
+def test_a_lag_that_does_what_a_parameter_did_is_none(beside, ratio, is_dynamic, is_refused):
+    """The time constant of a catchment before its river: it moves in front of the store, which is then none,
+    and where the rain is late the load comes at once."""
+    lag = SimpleNamespace(name="lag", is_dynamic=is_dynamic, is_of_signal=True)
+    before, told = (
+        SimpleNamespace(parameters=tuple(SimpleNamespace(**one, unit="h") for one in parameters))
+        for parameters in (
+            [{"name": "K", "value": 16.9, "std_error": 1.8}],
+            [
+                {"name": "K", "value": beside[0], "std_error": beside[1]},
+                {"name": "lag.T", "value": 15.6, "std_error": 3.7},
+            ],
+        )
+    )
+    reason = in_place_of_a_parameter(lag, told, before, (ratio,))
+    assert ("it does what K did, which is 0.4 ± 1.3 h beside it and 16.9 ± 1.8 h" in reason) == is_refused
+    assert bool(reason) == is_refused and in_place_of_a_parameter(lag, told, before, ()) == ""

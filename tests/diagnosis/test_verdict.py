@@ -255,6 +255,8 @@ def test_importance_and_certainty_are_told_apart():
     said = decide(evidence(proofs=[far])).message
     assert "removes 60 % of the error of predictions 0.5 s ahead and 90 % of that of the whole" in said
     assert "BIC gain 95 over 12 candidates, unseen data foreseen better by 4 standard errors" in said
+    level = replace(proof(), ahead=(Ahead(1, 0.05, 1.0, -0.05),))
+    assert "12 candidates, unseen data foreseen no better" in decide(evidence(proofs=[level])).message
 
 
 def test_equivalent_places_are_told():

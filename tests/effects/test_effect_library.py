@@ -9,6 +9,7 @@ import pytest
 from effect_rig import label
 
 from daest.errors import ModelError
+from daest.modelica import effects
 from daest.modelica.effects import (
     adds_a_constant,
     effect_library,
@@ -16,7 +17,7 @@ from daest.modelica.effects import (
     find_effect,
     find_effects,
 )
-from daest.modelica.library import library_root
+from daest.modelica.library import library_root, library_roots
 from daest.quantities import parse_unit
 
 EFFECTS = effect_library()
@@ -183,6 +184,23 @@ def test_class_of_ones_own(tmp_path) -> None:
     assert effect.class_name == "WindLoad" and effect.domain == "rotational" and effect.has_support
     assert len(effect_library([folder])) == len(EFFECTS) + 1
     assert len(effect_library()) == len(EFFECTS)
+
+
+def test_class_that_speaks_of_a_support_and_has_none(tmp_path) -> None:
+    text = WIND.replace("PartialFriction", "PartialFlange").replace("k*w*abs(w)", "k*sin(phi)")
+    text = text.replace("N.m.s2/rad2", "N.m")
+    effect = find_effect("WindLoad", [written(tmp_path / "mine", "// without useSupport\n" + text)])
+    assert not effect.has_support
+
+
+def test_the_bundled_classes_are_compiled_once(monkeypatch) -> None:
+    compiled = []
+    flat = effects._flat
+    monkeypatch.setattr(effects, "_flat", lambda *job: compiled.append(job) or flat(*job))
+    roots = library_roots(())
+    sources = [source for file in sorted(FOLDER.rglob("*.mo")) for source in effects._marked(file)]
+    assert len(effects._supported(effects._all_together(sources, roots), sources)) == len(EFFECTS)
+    assert len(compiled) == 1
 
 
 def test_a_changed_class_is_read_again(tmp_path) -> None:

@@ -234,6 +234,9 @@ def test_potential_of_a_connector_is_no_signal():
     assert not [site for site in sites(flat) if site.kind == "signal"]
     loads = [site.name.partition(":")[2] for site in load_sites(flat)]
     assert loads == ["first.port.c", "second.port.c"], "but what no unit tells may have loads"
+    plain = compile_text(text.replace("2*der", "der").encode(), Path("P.mo"), "P.Rig")
+    loads = [site.name.partition(":")[2] for site in load_sites(plain)]
+    assert loads == ["first.port.c", "second.port.c"], "the flow is the rate itself: its sum balances"
 
 
 def test_command_that_moves_as_a_spring_would_is_both(tmp_path):

@@ -167,6 +167,31 @@ def test_the_units_of_a_balance_tell_that_a_model_counts_time_in_hours(tmp_path,
     assert units_at(flat, find_effect("HeatLoss"), at["1:T"])["G"] == "W/K"
 
 
+RIVER = """\
+model River
+  parameter Real K(unit = "h") = 20;
+  input Real p(unit = "mm/h");
+  output Real Q(unit = "m3/s");
+  Real S(unit = "mm");
+equation
+  der(S) = p - S/K;
+  Q = 31.9*S/K;
+end River;
+"""
+
+
+def test_a_flow_per_second_stays_one_in_a_model_that_counts_hours(tmp_path):
+    file = tmp_path / "River.mo"
+    file.write_text(RIVER)
+    flat = compile_model(file)
+    assert clock_unit(flat) == "h"
+    discharge = next(site for site in sites(flat) if site.name == "Q")
+    play = units_at(flat, find_effect("Play"), discharge)
+    assert play["width"] == "m3/s" and play["T"] == "h"
+    assert units_at(flat, find_effect("QuadraticGain"), discharge)["a"] == "1/(m3/s)"
+    assert units_at(flat, find_effect("Drift"), discharge)["r"] == "(m3/s)/h"
+
+
 GROWTH = """\
 model Growth
   parameter Real mu(unit = "1/h") = 0.5;

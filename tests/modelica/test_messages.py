@@ -249,6 +249,17 @@ CASES = {
         "compete for `x`, `y`",
         "Remove",
     ),
+    "given at an open connector": (
+        "package P\n connector C Real v; flow Real i; end C;\n"
+        " model R C a; C b; equation a.v - b.v = a.i; a.i + b.i = 0; end R;\n"
+        " model S C c; equation der(c.v) = c.i; end S;\n"
+        " model M R r; S s;\n equation connect(s.c, r.a);\n"
+        " r.b.v = 3;\n end M;\nend P;",
+        "model-unbalanced",
+        None,
+        "r.b.i = 0    (nothing is connected to `r.b`)",
+        "a source that is connected",
+    ),
     "connection into a component": (
         "package P\n connector C Real v; flow Real i; end C;\n"
         " model R C a; C b; equation a.v - b.v = a.i; a.i + b.i = 0; end R;\n"

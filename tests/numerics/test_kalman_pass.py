@@ -96,18 +96,16 @@ def test_outputs_without_any_noise_are_told():
 @pytest.mark.parametrize("n", [3, 4])
 def test_constant_gain(monkeypatch, n):
     rng = np.random.default_rng(n)
-    closed, gain, output = (
-        0.3 * rng.standard_normal((n, n)),
-        rng.standard_normal((n, 2)),
-        rng.standard_normal((2, n)),
-    )
+    shapes = [(n, n), (n, 2), (2, n), (2, 2), (n + 1, 2)]
+    closed, gain, output, root, filter_gain = (0.3 * rng.standard_normal(shape) for shape in shapes)
+    steps = kalman_pass.ConstantGain(closed, gain, output, np.tril(root), filter_gain)
     z, drive, x = rng.standard_normal((300, 2)), rng.standard_normal((300, n)), rng.standard_normal(n)
     for known in (drive, np.broadcast_to(0.0, drive.shape)):
-        found = [np.empty((300, n)), np.empty((300, 2))]
-        expected = [np.empty((300, n)), np.empty((300, 2))]
-        found.append(kalman_pass.constant_gain(closed, gain, output, z, known, x, *found))
+        shapes = [(300, n), (300, 2), (300,), (300, n + 1)]
+        found, expected = ([np.empty(shape) for shape in shapes] for _ in range(2))
+        found.append(steps.over(z, known, x, tuple(found)))
         with monkeypatch.context() as patch:
             patch.setattr(kalman_pass, "_library", lambda _: None)
-            expected.append(kalman_pass.constant_gain(closed, gain, output, z, known, x, *expected))
+            expected.append(steps.over(z, known, x, tuple(expected)))
         for one, other in zip(found, expected, strict=True):
             assert np.allclose(one, other, rtol=0, atol=1e-12)

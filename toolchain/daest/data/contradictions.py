@@ -93,7 +93,8 @@ def _of_outputs(flat: Model, driven: Any, part: Experiment) -> list[Contradictio
             if not np.any(is_against | is_scaled):
                 return []  # whatever the other parameter values give
         if not np.any(np.ptp(part.inputs, axis=0)):  # its starts alone move it, and these are free
-            is_against = is_against & ~(_mirrored(driven, part) >= -DATA.upside_down)
+            for theta in _variants(flat):
+                is_against = is_against & ~(_mirrored(driven, part, theta) >= -DATA.upside_down)
     except DaestError:
         return []
     known = np.isfinite(np.stack(seen)[:, 0]).all(axis=0)
@@ -200,15 +201,15 @@ def _driven(flat: Model) -> Any:
     return flat if isinstance(flat, FlatModel) and flat.events is not None else dynamics(flat)
 
 
-def _mirrored(driven: Any, part: Experiment) -> np.ndarray:
-    """Correlation of every measured output with the model's where all states start at minus what they do,
-    (n_y,); NaN where the model has no such start."""
+def _mirrored(driven: Any, part: Experiment, theta: np.ndarray) -> np.ndarray:
+    """Correlation of every measured output with the model's at `theta` where all states start at minus what
+    they do, (n_y,); NaN where the model has no such start."""
     from daest.systems.simulate import simulate
 
     first = replace(part, time=part.time[:2], inputs=part.inputs[:2], outputs=part.outputs[:2])
-    x0 = -simulate(driven, first).states[0]
+    x0 = -simulate(driven, first, theta=theta).states[0]
     try:
-        return _beside(driven, part, None, x0)[0]
+        return _beside(driven, part, theta, x0)[0]
     except DaestError:
         return np.full(len(part.output_names), np.nan)
 

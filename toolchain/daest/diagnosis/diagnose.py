@@ -99,6 +99,7 @@ def _from_inside(
         other: DiagnoseOptions, there: Stand, its_limits: tuple[Proof, ...]
     ) -> tuple[Sequence[Proof], Diagnosis]:
         second = examine(there, library, other, progress)
+        second = _behind_a_lag(there, second, library, other, progress) or second
         return second.proofs, told_whole(second, there, its_limits)
 
     def again(other: DiagnoseOptions) -> tuple[Sequence[Proof], Diagnosis]:

@@ -8,7 +8,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
 
-import casadi as ca
 import numpy as np
 
 from daest.diagnosis.gates import GATES
@@ -304,11 +303,11 @@ def _time_constants(experiments: Sequence[Experiment], slowest: float | None = N
 
 
 def _no_place(flat: FlatModel, nodes: Sequence[Site]) -> EstimationError:
-    if not nodes and not ca.jacobian_sparsity(flat.residual, flat.derivatives).nnz():
+    if not nodes and not reduce_index(flat).state_names:
         return EstimationError(
             "diagnose-no-place",
-            "the model has neither connectors nor a rate: its outputs follow from the inputs at once, by "
-            "equations in which an unknown force, torque, current or flow has no place",
+            "the model has neither connectors nor states: its outputs follow from the inputs, and from rates "
+            "of them, at once, by equations in which an unknown force, torque, current or flow has no place",
             remedy="build it from components, as a source, a Damper and a sensor of force; loads act at "
             "their connectors",
         )

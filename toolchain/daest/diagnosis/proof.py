@@ -29,6 +29,7 @@ from daest.diagnosis.open_loop import (
 from daest.diagnosis.ranking import ahead_of, least_hope
 from daest.diagnosis.reasons import (
     beyond_recordings,
+    in_place_of_a_parameter,
     is_history,
     lag_too_short,
     not_determined,
@@ -375,6 +376,7 @@ class _Judge:
             unseen_form = beyond_recordings(self.with_effect, candidate, last)
             is_open = not is_history(self.fed.experiments, candidate, last)
         reason = gone or unseen_form or vague
+        reason = reason or in_place_of_a_parameter(candidate, last, self._before, ratios)
         is_all = self._is_nearly_all(ratios)
         seen = final if final and (is_shown or is_all) else fit
         reason = reason or weak(prepared, seen, self._before, self.found.gain)

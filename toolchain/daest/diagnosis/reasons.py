@@ -162,6 +162,32 @@ def not_determined(
     return f"the data determine {what} ({', '.join(unknown)})"
 
 
+def in_place_of_a_parameter(
+    candidate: Candidate, told: FitResult, before: FitResult, ratios: Sequence[float]
+) -> str:
+    """Why a lag or dead time of a signal is nothing that the model lacks, where it does what one of the
+    estimated parameters did, which was known in the fit `before` and beside it is nothing, as far as that was
+    known: the time constant of a store that has moved in front of it changes the noise alone. Of two equal
+    lags either may be anything, and is not nothing. Empty where it is none of that, or where a simulation of
+    unseen data has become clearly better; `ratios` are of its errors, with to without."""
+    if not (candidate.is_dynamic and candidate.is_of_signal) or not ratios:
+        return ""
+    if min(ratios) < GATES.max_clear_ratio:
+        return ""
+    after = {p.name: p for p in told.parameters}
+    for was in before.parameters:
+        now = after.get(was.name)
+        if now is None or not was.std_error or now.std_error is None:
+            continue
+        was_known = abs(was.value) > GATES.min_significance * was.std_error
+        if was_known and abs(now.value) < min(was.std_error, now.std_error):
+            return (
+                f"it does what {was.name} did, which is {told_number(now)} beside it and {told_number(was)} "
+                "without, and simulates unseen data no better"
+            )
+    return ""
+
+
 def without_form(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why the law is not what its name says, where a length or speed over which it has its form is so large
     that the recordings show a part of the form alone, which may belong to any other: a third of a period is a
@@ -498,15 +524,32 @@ def told_values(proof: Proof) -> str:
     messages tell them: of a place that may be anywhere, as the one of two stops that is never reached, no
     more than that; and the number of periods in a turn that the screen has found."""
     own = f"{proof.candidate.name}."
-    places = {own + p.name for p in proof.candidate.effect.parameters if _is_place(p)}
+    places = {own + p.name: p for p in proof.candidate.effect.parameters if _is_place(p)}
 
     def said(p: FittedParameter) -> str:
-        is_open = p.name in places and p.std_error is not None and p.std_error > abs(p.value)
+        is_open = p.name in places and _is_anywhere(p, _reach(proof.candidate, places[p.name]))
         return f"{p.name.removeprefix(own)} not reached" if is_open else told_value(p)
 
     told = [said(p) for p in proof.told.parameters if p.name.startswith(own)]
     told += _told_periods(proof.candidate)
     return ", ".join(told + [_told(p.name, p) for p in known_products(proof.candidate, proof.told)])
+
+
+def _is_anywhere(place: FittedParameter, reach: float) -> bool:
+    """Whether a place along a variable may be at nothing and beyond all that the variable reaches: one that
+    is known to be near nothing, as where a drain dries up, is a place like others."""
+    if place.std_error is None:
+        return False
+    return place.std_error > abs(place.value) and abs(place.value) + place.std_error > reach
+
+
+def _reach(candidate: Candidate, place: EffectParameter) -> float:
+    """How far the recordings take the variable that a place lies on, as the rounding of the law's kink over
+    the same variable has it; 0 where the law has none."""
+    for p in candidate.effect.parameters:
+        if p.role == "sharpness" and p.scale_of == place.scale_of and p.grid and p.name in candidate.shape:
+            return abs(candidate.shape[p.name]) / p.grid[0]
+    return 0.0
 
 
 def _told_periods(candidate: Candidate) -> list[str]:

@@ -593,7 +593,9 @@ def _certainty(evidence: Evidence, proof: Proof) -> str:
     text = f" Certainty: BIC gain {proof.delta_bic:.3g} over {evidence.screen.n_screened} candidates"
     if proof.ahead:
         surest = max(proof.ahead, key=lambda one: one.certainty)
-        text += f", unseen data foreseen better by {surest.certainty:.2g} standard errors"
+        better = surest.certainty > 0.0
+        text += ", unseen data foreseen "
+        text += f"better by {surest.certainty:.2g} standard errors" if better else "no better"
     elif proof.is_by_use:
         text += f", unseen data simulated better by {proof.in_use.certainty:.2g} standard errors"
     if is_silent(proof.confirmed):

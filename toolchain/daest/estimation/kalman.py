@@ -49,7 +49,14 @@ from daest.model.estimates import (
 from daest.model.experiment import Experiment
 from daest.model.linear import DiscreteModel
 from daest.numerics.gaussian import CHUNK, FREE_TOLERANCE, undetermined
-from daest.numerics.kalman_pass import KalmanSteps, StepMatrices, Stop, constant_gain, kalman_steps
+from daest.numerics.kalman_pass import (
+    ConstantGain,
+    KalmanSteps,
+    StepMatrices,
+    Stop,
+    kalman_steps,
+    side_by_side,
+)
 from daest.numerics.riccati import predictor_gain, unobservable_subspace
 
 SETTLING = 1000  # samples after which the Riccati equation is asked where a covariance has not settled
@@ -211,16 +218,19 @@ def _check_initial(initial: InitialState, n: int) -> None:
 class _Recorder:
     """Collects a pass: arrays by sample, and the distinct matrices in order of appearance."""
 
-    def __init__(self, n_samples: int, n: int, n_y: int) -> None:
-        self.predicted = np.empty((n_samples, n))
-        self.innovations = np.empty((n_samples, n_y))
-        self.nis = np.empty(n_samples)
+    def __init__(self, n_samples: int, n: int, n_y: int, n_w: int) -> None:
+        shapes = [(n_samples, n), (n_samples, n_y), (n_samples,), (n_samples, n + n_w)]
+        self.predicted, self.innovations, self.nis, self.filtered = side_by_side(shapes)
         self.index = np.empty(n_samples, dtype=np.int64)
         self.parts: list[KalmanSteps] = []
         self.mode: list[np.ndarray] = []
         self.sensitivity: list[np.ndarray] = []
         self.n_distinct = 0
         self.stationary_from: int | None = None
+
+    def of(self, block: slice) -> tuple[np.ndarray, ...]:
+        """Where the predictions, innovations, νᵀ S⁻¹ ν and filtered means of these samples go."""
+        return self.predicted[block], self.innovations[block], self.nis[block], self.filtered[block]
 
     def add(self, steps: KalmanSteps, mode: np.ndarray, begin: int, n_samples: int) -> None:
         """The matrices of `steps` with their modes; those of the samples from `begin` on, or the only ones of
@@ -240,7 +250,7 @@ class _Recorder:
 
 def _forward_pass(modes: Modes, z: np.ndarray, drive: np.ndarray, start: PassStart) -> FilterPass:
     n_samples, n_y = z.shape
-    recorder = _Recorder(n_samples, start.mean.size, n_y)
+    recorder = _Recorder(n_samples, start.mean.size, n_y, modes.noise_cov.shape[1])
     plan = _Plan(modes, start)
     k, M, P = 0, np.column_stack([start.mean, start.sensitivity]), start.cov
     while k < n_samples:
@@ -341,17 +351,15 @@ def _stationary_phase(
     """Samples begin … end - 1 with a constant gain; returns [m A] at `end`."""
     modes, mode = plan.modes, int(plan.modes.index[begin])
     block = slice(begin, end)
-    gains = target.closed_loop, target.gain, modes.output[mode]
-    into = recorder.predicted[block], recorder.innovations[block]
-    after = constant_gain(*gains, z[block], drive[block], M[:, 0], *into)
     if plan.is_last_stationary:
         recorder.index[block] = recorder.n_distinct - 1
     else:
         one = slice(begin, begin + 1)
         now = (plan.matrices, modes.index[one], z[one], drive[one], M[:, :1], target.predicted_cov)
         recorder.add(kalman_steps(*now), np.array([mode]), begin, end - begin)
-    white = recorder.innovations[block] @ recorder.parts[-1].whitening[-1].T
-    recorder.nis[block] = np.einsum("ky,ky->k", white, white)
+    last = recorder.parts[-1]
+    gains = target.closed_loop, target.gain, modes.output[mode], last.whitening[-1], last.filter_gain[-1]
+    after = ConstantGain(*gains).over(z[block], drive[block], M[:, 0], recorder.of(block))
     if recorder.stationary_from is None:
         recorder.stationary_from = begin - plan.is_last_stationary
     A = _decay(recorder, target.closed_loop, M[:, 1:], end - begin, scale)
@@ -406,6 +414,8 @@ def _transient(
     done = slice(begin, begin + count)
     recorder.predicted[done], recorder.innovations[done] = steps.predicted, steps.innovations
     recorder.nis[done] = steps.nis
+    recorder.filtered[done] = by_index(steps.filter_gain, np.arange(count), steps.innovations)
+    recorder.filtered[done, :n] += steps.predicted
     recorder.add(steps, index[done], begin, count)
     if columns > 1:
         recorder.sensitivity.append(steps.sensitivity)
@@ -425,6 +435,7 @@ def _as_pass(recorder: _Recorder, modes: Modes, start: PassStart) -> FilterPass:
         predicted=recorder.predicted,
         innovations=recorder.innovations,
         nis=recorder.nis,
+        filtered=recorder.filtered,
         index=recorder.index,
         cov=recorder.all("cov"),
         innovation_cov=recorder.all("innovation_cov"),
@@ -505,8 +516,7 @@ def filtered_loads(forward: FilterPass) -> np.ndarray:
 
 
 def _filtered(forward: FilterPass, flat: FlatStart, scale: np.ndarray) -> GaussianSequence:
-    mean = by_index(forward.filter_gain, forward.index, forward.innovations)
-    mean[:, : forward.predicted.shape[1]] += forward.predicted
+    mean = forward.filtered.copy() if forward.sensitivity.size else forward.filtered
     return correct(mean, forward.filtered_cov, forward.index, filtered_loads(forward), flat, scale)
 
 

@@ -47,10 +47,7 @@ def smooth(result: KalmanResult) -> SmootherResult:
     ahead = _ahead(forward)
     n = forward.predicted.shape[1]
     r_after = np.concatenate([backward.r[1:], np.zeros((1, n))])
-    mean = by_index(forward.filter_gain, forward.index, forward.innovations) + by_index(
-        ahead, forward.index, r_after
-    )
-    mean[:, :n] += forward.predicted
+    mean = forward.filtered + by_index(ahead, forward.index, r_after)
     cov, index = _smoothed_cov(forward, backward, ahead)
     loads = _smoothed_loads(forward, backward, ahead)
     flat = _final(result.flat_start)

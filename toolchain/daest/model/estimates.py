@@ -162,6 +162,7 @@ class FilterPass:
     predicted: np.ndarray  # m, (n_samples, n)
     innovations: np.ndarray  # ν, (n_samples, n_y), zero where a sample is missing
     nis: np.ndarray  # νᵀ S⁻¹ ν, (n_samples,)
+    filtered: np.ndarray  # (x[k], w̄[k]) given y up to k for δ = 0, (n_samples, n + n_w)
     index: np.ndarray  # (n_samples,)
     cov: np.ndarray  # P[k|k-1] for known δ, (n_distinct, n, n)
     innovation_cov: np.ndarray  # S, (n_distinct, n_y, n_y); unit rows where an output is missing

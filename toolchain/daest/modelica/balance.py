@@ -41,15 +41,26 @@ def unbalanced(
         return ModelError("model-unbalanced", what, where=where, remedy=remedy)
     if (deep := _deep_connection(equations)) is not None:
         return _reaches_inside(*deep, -missing, what, where)
-    shown = (equations[i] for i in over[:_LISTED])
-    listed = "\n".join(f"    {one.text}    ({one.place or one.origin})" for one in shown)
+    listed = "\n".join(
+        f"    {one.text}    ({_origin(one)})" for one in (equations[i] for i in over[:_LISTED])
+    )
     names = _listed(
         sorted({unknowns[j].name for i in over for j in _unknowns_of(i, residual, xi, derivatives)})
     )
     what += f": {-missing} too many. These equations compete for {names or 'no unknown at all'}:\n{listed}"
-    place: Place | str | None = equations[over[-1]].place if over else None
+    written = [equations[i] for i in over if equations[i].kind != "unconnected"]
+    place: Place | str | None = written[-1].place if written else None
     remedy = "Remove an equation, or a binding of a variable that an equation determines as well."
+    if len(written) < len(over):
+        remedy += " What is given at a connector comes from a source that is connected to it."
     return ModelError("model-unbalanced", what, where=place or where, remedy=remedy)
+
+
+def _origin(equation: Equation) -> str:
+    """Where an equation comes from: one that nobody has written, by the connector that is left open."""
+    if equation.kind == "unconnected":
+        return f"nothing is connected to `{equation.origin}`"
+    return str(equation.place or equation.origin)
 
 
 def _count(n: int, word: str) -> str:

@@ -106,11 +106,13 @@ def needs_position(domain: Domain) -> bool:
 
 def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
     """Rows of the model itself and of components without a connector of a domain (`_open_components`), and
-    `everywhere` of all components, that hold the rate of an unknown and more than that. What events assign
-    has no balance: it stands still between them. Nor has a row that gives a reading alone of a rate that
-    another row balances, as `acc = der(v)/9.81` does. Of several rates in one row those are left out that
-    another row needs (`_of_own_rows`)."""
-    laws = [i for i, e in enumerate(flat.equations) if e.kind == "component"]
+    `everywhere` of all components and sums of flows, as beside a store `der(w.S) = w.q` whose flow is the
+    rate itself, that hold the rate of an unknown and more than that. What events assign has no balance: it
+    stands still between them. Nor has a row that gives a reading alone of a rate that another row balances,
+    as `acc = der(v)/9.81` does. Of several rates in one row those are left out that another row needs
+    (`_of_own_rows`)."""
+    kinds = ("component", "flow") if everywhere else ("component",)
+    laws = [i for i, e in enumerate(flat.equations) if e.kind in kinds]
     of_own = _open_components(flat)
     rows = [i for i in laws if everywhere or (flat.equations[i].origin or "") in of_own]
     if not rows:

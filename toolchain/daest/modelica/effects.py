@@ -41,6 +41,7 @@ __all__ = ["EffectModel", "effect_library", "effect_model", "find_effect", "find
 OWN = "@."
 
 _MARK = re.compile(rb"__Daest\s*\(\s*effect\b")
+_BASE = re.compile(rb"\bextends\s+(?:\w+\.)*(\w+)")
 _CATALOGUE = "Daest__Catalogue"
 _SIGNALS: tuple[Attachment, ...] = ("signal", "input", "output", "parameter")
 _ATTACHMENTS: tuple[Attachment, ...] = ("connector", "parallel", "series", *_SIGNALS)
@@ -267,9 +268,7 @@ def _read(roots: tuple[Path, ...], files: Sequence[Path], libraries: tuple[str, 
         return {}
     unique = {source.head.name: source for source in reversed(sources)}
     ordered = [unique[name] for name in dict.fromkeys(source.head.name for source in sources)]
-    supported = _supported(ordered, roots)
-    flat = _compiled(ordered, supported, roots)
-    parts = _parts(flat)
+    parts = _parts(_all_together(ordered, roots))
     entries = [_entry(i, source, parts, libraries) for i, source in enumerate(ordered)]
     return {entry.effect.class_name: entry for entry in entries}
 
@@ -349,6 +348,18 @@ def _signals(source: _Source) -> tuple[str, ...]:
     return (*own, *(source.entry("inputs") or ()))
 
 
+def _all_together(sources: Sequence[_Source], roots: tuple[Path, ...]) -> FlatModel:
+    """One model with all classes, and once more with their supports: those that their texts tell of, and
+    where these tell wrongly, those that classes compiled without them turn out to have."""
+    told = _told_supported(sources, roots)
+    with contextlib.suppress(ModelError):
+        flat = _flat(_catalogue_text(sources, told), roots)
+        if _supported(flat, sources) == told:
+            return flat
+    plain = _compiled(sources, [False] * len(sources), roots)
+    return _compiled(sources, _supported(plain, sources), roots)
+
+
 def _compiled(sources: Sequence[_Source], supported: Sequence[bool], roots: tuple[Path, ...]) -> FlatModel:
     """One model with all classes as components e0, e1, … and, with support, a0, a1, …"""
     try:
@@ -394,16 +405,24 @@ def _flat(content: bytes, roots: tuple[Path, ...]) -> FlatModel:
     return with_room(lambda: assemble(compile_source(job), str(job.path)))
 
 
-def _supported(sources: Sequence[_Source], roots: tuple[Path, ...]) -> list[bool]:
+def _supported(flat: FlatModel, sources: Sequence[_Source]) -> list[bool]:
     """Whether a class attached at a connector has a support for its housing (parameter `useSupport`)."""
-    flags = [False] * len(sources)
-    relevant = [i for i, source in enumerate(sources) if source.entry("attach") == "connector"]
-    if relevant:
-        flat = _compiled([sources[i] for i in relevant], [False] * len(relevant), roots)
-        names = set(flat.unknown_names)
-        for place, i in enumerate(relevant):
-            flags[i] = any(name.startswith(f"e{place}.") and name.endswith("_support") for name in names)
-    return flags
+    having = {name.partition(".")[0] for name in flat.unknown_names if name.endswith("_support")}
+    return [source.entry("attach") == "connector" and f"e{i}" in having for i, source in enumerate(sources)]
+
+
+def _told_supported(sources: Sequence[_Source], roots: tuple[Path, ...]) -> list[bool]:
+    """The same as the texts tell it: the file of the class speaks of `useSupport`, or extends a class whose
+    file does."""
+    texts = {str(file): file.read_bytes() for root in roots for file in root.rglob("*.mo")}
+    bases = {file: {name.decode() for name in _BASE.findall(content)} for file, content in texts.items()}
+    found = {file for file, content in texts.items() if b"useSupport" in content}
+    more = found
+    while more:
+        names = {Path(file).stem for file in more}
+        more = {file for file in texts.keys() - found if bases[file] & names}
+        found |= more
+    return [source.entry("attach") == "connector" and source.file in found for source in sources]
 
 
 # Taking apart -----------------------------------------------------------------------------------------------

@@ -32,7 +32,10 @@ def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
         return units
     of_signal = site.kind in ("input", "output", "signal")
     stores = {size.name for size in effect.sizes if effect.is_dynamic and size.unit != "s" and not of_signal}
-    return {name: "" if name in stores else in_clock(unit, clock) for name, unit in units.items()}
+    # A discharge in m3/s is in that whatever the model counts: seconds of the law stand behind "u/s" alone.
+    kept = {p.name for p in effect.parameters if of_signal and p.signal_unit in (_SIGNAL, _INVERSE)}
+    told = {name: unit if name in kept else in_clock(unit, clock) for name, unit in units.items()}
+    return {name: "" if name in stores else unit for name, unit in told.items()}
 
 
 def _units_in_seconds(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:

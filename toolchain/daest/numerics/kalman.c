@@ -485,17 +485,32 @@ INLINE long run(const long n, const long n_y, const model_t *g, long n_samples, 
     return n_samples;
 }
 
-/* The predictor with a constant gain K: x <- F x + K z + drive with F = Phi - K C; x is that after the samples. */
-INLINE void constant(const long n, long n_y, long n_samples, const double *F, const double *K, const double *C,
-                     const double *z, const double *drive, double *x, double *predicted, double *nu)
+/* The predictor with a constant gain K: x <- F x + K z + drive with F = Phi - K C; x is that after the samples.
+   nis = |white nu|^2, and filtered = [x; 0] + G nu of (x, w), with G (size, n_y). */
+INLINE void constant(const long n, const long n_y, long size, long n_samples, const double *F, const double *K,
+                     const double *C, const double *white, const double *G, const double *z, const double *drive,
+                     double *restrict x, double *restrict predicted, double *restrict nu, double *restrict nis,
+                     double *restrict filtered)
 {
     for (long k = 0; k < n_samples; k++) {
-        double *now = predicted + k * n;
+        double *now = predicted + k * n, *error = nu + k * n_y, *after = filtered + k * size;
         for (long i = 0; i < n; i++) now[i] = x[i];
         for (long y = 0; y < n_y; y++) {
             double sum = z[k * n_y + y];
             for (long i = 0; i < n; i++) sum -= C[y * n + i] * now[i];
-            nu[k * n_y + y] = sum;
+            error[y] = sum;
+        }
+        double squares = 0.0;
+        for (long y = 0; y < n_y; y++) {
+            double sum = 0.0;
+            for (long v = 0; v <= y; v++) sum += white[y * n_y + v] * error[v];
+            squares += sum * sum;
+        }
+        nis[k] = squares;
+        for (long i = 0; i < size; i++) {
+            double sum = i < n ? now[i] : 0.0;
+            for (long y = 0; y < n_y; y++) sum += G[i * n_y + y] * error[y];
+            after[i] = sum;
         }
         for (long i = 0; i < n; i++) {
             double sum = drive ? drive[k * n + i] : 0.0;
@@ -506,10 +521,12 @@ INLINE void constant(const long n, long n_y, long n_samples, const double *F, co
     }
 }
 
-void daest_constant(long n, long n_y, long n_samples, const double *F, const double *K, const double *C, const double *z,
-                    const double *drive, double *x, double *predicted, double *nu)
+void daest_constant(long n, long n_y, long size, long n_samples, const double *F, const double *K, const double *C,
+                    const double *white, const double *G, const double *z, const double *drive, double *x,
+                    double *predicted, double *nu, double *nis, double *filtered)
 {
-#define CONSTANT_GAIN(N, Y) constant(N, Y, n_samples, F, K, C, z, drive, x, predicted, nu)
+#define CONSTANT_GAIN(N, Y) \
+    constant(N, Y, size, n_samples, F, K, C, white, G, z, drive, x, predicted, nu, nis, filtered)
 #ifdef CONSTANT
     if (n == CONSTANT && n_y == 1) { CONSTANT_GAIN(CONSTANT, 1); return; }
     if (n == CONSTANT && n_y == 2) { CONSTANT_GAIN(CONSTANT, 2); return; }

@@ -102,7 +102,7 @@ def kalman_steps(
     size, columns = n + n_w, start.shape[1]
     shapes = [(n,), (n_y,), (n, columns - 1), (n_y, n_y), (n_y, n_y), (n, n_y), ()]
     shapes += [(n, n), (size, n_y), (size, size)]
-    results = _side_by_side([(n_samples, *shape) for shape in shapes])
+    results = side_by_side([(n_samples, *shape) for shape in shapes])
     after, after_cov = (np.array(part, dtype=float, order="C") for part in (start, cov))
     stop = stop or Stop(0.0, np.zeros(n_samples, dtype=bool), np.zeros((0, n, n)), np.zeros(0, dtype=bool))
     library = _library(n)
@@ -115,7 +115,7 @@ def kalman_steps(
     return KalmanSteps(*values)
 
 
-def _side_by_side(shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray]:
+def side_by_side(shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray]:
     """Arrays without values, parts of one: a large one is made of large pages of memory, which are had in a
     fraction of the time."""
     sizes = [math.prod(shape) for shape in shapes]
@@ -206,34 +206,49 @@ def _interpreted(
     return len(mode)
 
 
-def constant_gain(
-    closed: np.ndarray,
-    gain: np.ndarray,
-    output: np.ndarray,
-    z: np.ndarray,
-    drive: np.ndarray,
-    start: np.ndarray,
-    predicted: np.ndarray,
-    innovations: np.ndarray,
-) -> np.ndarray:
-    """Predictions (n_samples, n) and innovations (n_samples, n_y), written into the contiguous arrays, of the
-    predictor x ← closed x + gain z + drive, closed = Φ - K C; returns the state after them."""
-    (n_samples, n_y), n = z.shape, start.size
-    library = _library(n) if n <= MOST_LOOPED else None
-    if library is None:
-        total = z @ gain.T
+@dataclass(frozen=True)
+class ConstantGain:
+    """Φ - K C (n, n), K (n, n_y), C (n_y, n), L⁻¹ (n_y, n_y) of S = L Lᵀ, and the gain (n + n_w, n_y) of
+    (x, w̄) after the outputs."""
+
+    closed_loop: np.ndarray
+    gain: np.ndarray
+    output: np.ndarray
+    whitening: np.ndarray
+    filter_gain: np.ndarray
+
+    def over(
+        self, z: np.ndarray, drive: np.ndarray, start: np.ndarray, into: tuple[np.ndarray, ...]
+    ) -> np.ndarray:
+        """The predictor x ← (Φ - K C) x + K z + drive over outputs z (n_samples, n_y) and the known drive
+        (n_samples, n): predictions (n_samples, n), innovations (n_samples, n_y), νᵀ S⁻¹ ν (n_samples,) and
+        (x, w̄) after the outputs (n_samples, n + n_w) are written `into` these contiguous arrays. Returns the
+        state (n,) after them."""
+        (n_samples, n_y), n = z.shape, start.size
+        library = _library(n) if n <= MOST_LOOPED else None
+        if library is None:
+            return self._over_blocks(z, drive, start, into)
+        signals = [np.ascontiguousarray(z), np.ascontiguousarray(drive) if is_driven(drive) else None]
+        after = np.array(start, dtype=float)
+        parts = [np.ascontiguousarray(part, dtype=float) for part in vars(self).values()]
+        library.daest_constant(
+            *map(ctypes.c_long, (n, n_y, self.filter_gain.shape[0], n_samples)),
+            *map(pointer, (*parts, *signals, after, *into)),
+        )
+        return after
+
+    def _over_blocks(
+        self, z: np.ndarray, drive: np.ndarray, start: np.ndarray, into: tuple[np.ndarray, ...]
+    ) -> np.ndarray:
+        predicted, innovations, nis, filtered = into
+        total = z @ self.gain.T
         total += drive
-        states = linear_recursion(closed, total, start)
-        predicted[:], innovations[:] = states[:-1], z - states[:-1] @ output.T
+        states = linear_recursion(self.closed_loop, total, start)
+        predicted[:], innovations[:] = states[:-1], z - states[:-1] @ self.output.T
+        nis[:] = np.sum((innovations @ self.whitening.T) ** 2, axis=1)
+        filtered[:] = innovations @ self.filter_gain.T
+        filtered[:, : start.size] += predicted
         return np.asarray(states[-1])
-    signals = [np.ascontiguousarray(z), np.ascontiguousarray(drive) if is_driven(drive) else None]
-    after = np.array(start, dtype=float)
-    parts = [np.ascontiguousarray(part, dtype=float) for part in (closed, gain, output)]
-    library.daest_constant(
-        *map(ctypes.c_long, (n, n_y, n_samples)),
-        *map(pointer, (*parts, *signals, after, predicted, innovations)),
-    )
-    return after
 
 
 def is_driven(drive: np.ndarray) -> bool:
