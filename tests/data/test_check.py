@@ -187,6 +187,17 @@ def test_small_faults_are_found_where_and_as_many_as_they_are():
     assert finding.code == "check-outliers" and finding.count == 1 and finding.at == pytest.approx(20.0)
 
 
+def test_bursts_are_found_where_and_as_many_as_they_are():
+    """Spikes beside each other, which a median filter leaves; a ramp goes on meanwhile."""
+    for seed in range(10):
+        rng, u, y = noisy_recording(seed, ("multisine", "noise")[seed % 2])
+        for at in (600, 1500, 2200):
+            y[at : at + 12] += np.ptp(y) * rng.normal(size=12)
+        (finding,) = warnings_of({"u": u, "position": y})
+        assert finding.code == "check-outliers" and finding.at == pytest.approx(6.0, abs=0.05)
+        assert 24 <= finding.count <= 40 and "jumps to and fro" in finding.text, (seed, finding)
+
+
 def test_a_limited_command_and_a_held_input_are_no_faults():
     _, u, y = noisy_recording(1)
     columns = {"u": np.clip(u, -1.5, 1.5), "position": y}

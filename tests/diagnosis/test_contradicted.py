@@ -13,6 +13,7 @@ from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.improve import improve
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
+from daest.systems.simulate import simulate
 
 Y, V = 0, 1
 
@@ -51,6 +52,44 @@ def test_what_is_to_be_mended_is_told_and_nothing_is_claimed(case, spoilt, signa
     rounds = improve(flat, (), [spoilt(experiment)])
     assert len(rounds.steps) == 1 and rounds.reason == found.message
     assert rounds.last.next_experiment == found.next_experiment
+
+
+LINE = b"""model Line "Coil between two voltages"
+  parameter Real L(unit = "H", min = 0) = 3e-3 annotation(__Daest(estimate = true));
+  parameter Real R(unit = "Ohm", min = 0) = 0.3 annotation(__Daest(estimate = true));
+  input Real u(unit = "V");
+  input Real e(unit = "V");
+  output Real i(unit = "A", start = 0);
+  output Real p(unit = "V") "At a tap";
+equation
+  L*der(i) = u - e - R*i;
+  p = 0.7*u + 0.3*e;
+end Line;
+"""
+
+
+@pytest.fixture(scope="module")
+def line():
+    """Two voltages that nearly hold each other up."""
+    flat, rng, time = compile_text(LINE, Path("Line.mo")), np.random.default_rng(5), 1e-4 * np.arange(1000)
+    wave = np.sin(100 * np.pi * time)
+    u = 150 * wave * np.repeat(1 + 0.1 * rng.normal(size=20), 50)
+    e = 150 * wave + 6 * np.sin(500 * np.pi * time)
+    experiment = Experiment("run", time, np.column_stack([u, e]), np.zeros((1000, 2)), ("u", "e"), ("i", "p"))
+    made = simulate(flat, experiment, theta=np.array([2.1e-3, 0.5])).outputs
+    return flat, replace(experiment, outputs=made + [0.2, 0.3] * rng.normal(size=(1000, 2)))
+
+
+def test_one_of_several_inputs_that_acts_the_other_way_is_told(line):
+    flat, experiment = line
+    assert contradictions(flat, experiment) == []
+    spoilt = replace(experiment, inputs=experiment.inputs * [1.0, -1.0])
+    (one,) = contradictions(flat, spoilt)
+    assert one.signal == "e" and one.is_turned and "acts against the model" in one.text
+    assert np.array_equal(one.mended(spoilt).inputs, experiment.inputs)
+    found = diagnose(flat, (), [spoilt])
+    assert found.verdict == "cannot tell" and not found.proofs
+    assert "Turn the sign of e" in found.next_experiment
 
 
 def test_a_recording_that_contradicts_nothing_is_looked_into(case):

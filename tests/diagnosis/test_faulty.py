@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from daest.diagnosis.faulty import EMPTY, faults_beside, faults_told
+from daest.diagnosis.faulty import EMPTY, faults_beside, faults_in_errors, faults_told
 from daest.model.experiment import Experiment
 
 TIME = 0.01 * np.arange(2000)
@@ -32,6 +32,12 @@ def test_beside_a_law_its_errors_count_the_faults():
     told = faults_beside([recording(slice(500, 560), 1)])
     assert told.startswith(" Its sizes and errors count faults of the recording: y stands still at ")
     assert told.endswith(EMPTY) and faults_beside([recording()]) == ""
+
+
+def test_where_nothing_is_missing_its_errors_count_the_faults():
+    told = faults_in_errors([recording(slice(500, 560), 1)])
+    assert told.startswith(" The errors count faults of the recording: y stands still at ")
+    assert told.endswith(EMPTY) and faults_in_errors([recording()]) == ""
 
 
 def test_a_command_that_keeps_its_value_is_no_fault():

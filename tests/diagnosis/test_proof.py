@@ -152,6 +152,27 @@ def test_search_that_a_simulation_promises_much_is_pursued_beside_a_leader(
     assert np.isinf(asked[0]) == is_pursued and (is_pursued or asked[0] == pytest.approx(1000.0))
 
 
+@pytest.mark.parametrize("begun_by_simulation", [False, True])
+def test_search_of_a_lag_that_the_innovations_show_is_pursued_beside_a_leader(
+    monkeypatch, begun_by_simulation
+):
+    """It begins at the time that they show, far below: a thermometer 3 s late had been a share of the
+    torque in its reading."""
+    asked = []
+
+    def refit(null, prepared, explicit, hopeless, null_likelihood):
+        asked.append(hopeless)
+        return SimpleNamespace(fit=SimpleNamespace(log_likelihood=0.0))
+
+    stand, (prepared, full) = rubbing(), proved()
+    lags = pairs(some_effects("Lag"), sites(stand.null.flat))
+    trial = replace(prepared.trial, candidate=next(c for c in lags if c.site.kind == "output"))
+    monkeypatch.setattr(proving, "_refit", refit)
+    one = replace(prepared, trial=trial, simulation=full.fit if begun_by_simulation else None)
+    proving.searched(stand.null, stand.baseline, one, stand.null.experiments, further_ahead(full, 1000.0))
+    assert np.isinf(asked[0]) != begun_by_simulation
+
+
 @pytest.mark.slow  # of less gain: the test below
 def test_richer_law_below_the_simple_one_is_judged_in_brief():
     stand, (prepared, full) = rubbing(), proved()

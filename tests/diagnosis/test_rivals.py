@@ -131,6 +131,24 @@ def test_laws_with_shapes_are_tried_at_the_place_of_one_whose_errors_last():
     assert laws_at_its_place(leaving(0.1, adds_up=True), screen, [proof]) == ()
 
 
+def test_a_law_with_a_kink_is_tried_at_the_place_of_a_smooth_one_that_it_resembles():
+    """Dry friction of a shaft that turns one way is a constant torque, once its kink is sharp."""
+    _, _, proof = proved("CoulombFriction")
+    laws = some_effects("ConstantLoad", "CoulombFriction", "StribeckFriction", "QuadraticDrag")
+    candidates = pairs(laws, [proof.candidate.site])
+    entries = [Screened(c, 1.0, (0.1,) * len(c.effect.sizes), 0.01, False, 1.0) for c in candidates]
+    constant = next(c for c in candidates if c.effect.name == "ConstantLoad")
+    best = replace(proof, candidate=constant, explained=1.0)
+
+    def tried(correlation):
+        alike = np.full((len(entries), len(entries)), correlation)
+        screen = SimpleNamespace(entries=entries, correlation=alike)
+        return [t.candidate.effect.name for t in laws_at_its_place(best, screen, [best])]
+
+    assert tried(0.9) == ["CoulombFriction", "QuadraticDrag"], "with no more parameters"
+    assert tried(0.6) == []
+
+
 def test_kink_of_a_rival_elsewhere_is_fitted_where_that_of_the_leader_is():
     """Friction behind a controller does much what a dead zone in it does: a kink must not decide unfitted."""
     _, _, friction = proved("CoulombFriction")

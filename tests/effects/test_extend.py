@@ -50,6 +50,37 @@ def test_text_compiles_to_the_equations_of_attach(effect, site) -> None:
     assert characteristic(made) == pytest.approx(characteristic(merged), rel=1e-6)
 
 
+ARRAYS = """model Ladder
+  model Stage
+    parameter Real C[2](each unit = "F", each min = 0) = {1e-3, 2e-3};
+    input Real i(unit = "A");
+    Real v(unit = "V", start = 0);
+  equation
+    (C[1] + C[2])*der(v) = i;
+  end Stage;
+  parameter Real R[2](each unit = "Ohm", each min = 0) = {10, 20};
+  input Real u(unit = "V");
+  output Real y(unit = "V");
+  Stage stage[2];
+equation
+  stage[1].i = (u - stage[1].v)/R[1] - (stage[1].v - stage[2].v)/R[2];
+  stage[2].i = (stage[1].v - stage[2].v)/R[2];
+  y = stage[2].v;
+end Ladder;
+"""
+
+
+def test_new_values_of_elements_are_written_as_whole_arrays(tmp_path: Path) -> None:
+    file = tmp_path / "Ladder.mo"
+    file.write_text(ARRAYS)
+    new = {"R[2]": 25.0, "stage[1].C[2]": 3e-3}
+    made = extended("Signals.Gain", "u", file, "Ladder", values={"g": 0.1}, parameters=new)
+    assert "R = {10, 25}" in made.added and "C = {{0.001, 0.003}, {0.001, 0.002}}" in made.added
+    values = {p.name: p.value for p in made.flat.parameters}
+    assert values["R[1]"] == 10.0 and values["R[2]"] == 25.0
+    assert values["stage[1].C[2]"] == 3e-3 and values["stage[2].C[2]"] == 2e-3
+
+
 def test_text_is_readable_modelica() -> None:
     made = extended("Rotational.CoulombFriction", "rotor", values={"tau_c": 0.006})
     assert made.added == (

@@ -410,6 +410,32 @@ def test_limits_of_the_compiler_in_words_of_the_language(said, words):
     assert made.remedy
 
 
+NESTED = """model Filter
+  model Coil
+    parameter Real L = 1e-3;
+    Real i(start = 0);
+    input Real u;
+  equation
+    L*der(i) = u - i;
+  end Coil;
+  parameter Real L[2] = {2e-3, 1e-3};
+  input Real u;
+  output Real y;
+  Coil coil(u = u);
+equation
+  y = coil.i + L[1];
+end Filter;
+"""
+
+
+def test_an_array_with_the_name_of_a_component_in_a_class_inside_is_told(compiled: Compile) -> None:
+    """The compiler takes one for the other, and counts two equations of the coil."""
+    error = failure(lambda: compiled(NESTED, "Filter"))
+    assert error.code == "model-compile" and "`L` is an array in `Filter`" in error.what
+    assert "`Coil`" in error.what and "otherwise" in error.remedy
+    compiled(NESTED.replace("L[", "Ls["), "Filter")
+
+
 def test_a_library_without_its_package_file_is_told_by_its_first_file_alone():
     faults = "; ".join(
         f"PKG-010 file '/lib/M/{name}.mo' has `within M.Blocks;` but expected `within Blocks;`"

@@ -199,12 +199,14 @@ EXPLANATIONS: dict[str, str] = {
         "number of hours in a column `time` without a unit, or write the model in seconds, with C in J/K."
     ),
     "check-outliers": (
-        "Single samples lie far from their neighbours, farther than noise does. Least squares follow them. "
+        "Single samples, or bursts of a few, lie far from their neighbours, farther than noise does. Least "
+        "squares follow them. "
         "Leave those cells empty if the machine cannot have moved so."
     ),
     "check-polarity": (
         "A signal moves the other way than it should: against the model at any likely value of its "
-        "parameters, or against another column of the same quantity. Look at the sensor's wiring and the "
+        "parameters, or against another column of the same quantity; of several inputs one that, turned, "
+        "leaves far less of the errors of a simulation. Look at the sensor's wiring and the "
         "sign convention of the model; multiply the column by -1, or the parameter that is a gain."
     ),
     "check-quantised": (

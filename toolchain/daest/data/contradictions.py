@@ -25,6 +25,10 @@ UNITS = {  # how many times as large the numbers of one unit are as those of ano
     1e6: "one prefix of a unit is beside the second next",
 }
 MOVED = f"with its parameters up to {DATA.moved_parameter:g} times larger or smaller"
+TURNED = (
+    f"acts against the model: turned, it leaves less than 1/{DATA.other_scale:g} of the errors of a "
+    f"simulation, {MOVED}"
+)
 
 
 @dataclass(frozen=True)
@@ -62,15 +66,24 @@ def model_findings(flat: Model, experiment: Experiment) -> list[Finding]:
 
 def contradictions(flat: Model, experiment: Experiment) -> list[Contradiction]:
     """Outputs that move against the model, or the only input if all outputs do, and outputs that move with it
-    and are as many times as large as another unit would make them.
+    and are as many times as large as another unit would make them; otherwise one of several inputs that acts
+    the other way.
 
     There are none where the model cannot be simulated, or where it depends on the parameters.
     """
     part = _shortened(experiment)
+    try:
+        driven = _driven(flat)
+    except DaestError:
+        return []
+    return _of_outputs(flat, driven, part) or _turned_inputs(flat, driven, part)
+
+
+def _of_outputs(flat: Model, driven: Any, part: Experiment) -> list[Contradiction]:
+    """What single outputs contradict, or all of them the only input."""
     seen: list[np.ndarray] = []
     is_against = is_scaled = np.ones(len(part.output_names), dtype=bool)
     try:
-        driven = _driven(flat)
         for theta in _variants(flat):
             correlations, ratios = here = _beside(driven, part, theta)
             seen.append(here)
@@ -86,6 +99,51 @@ def contradictions(flat: Model, experiment: Experiment) -> list[Contradiction]:
         return []
     known = np.isfinite(np.stack(seen)[:, 0]).all(axis=0)
     return [*_against(part, is_against, int(known.sum())), *_scaled(part, is_scaled, seen[0][1])]
+
+
+def _turned_inputs(flat: Model, driven: Any, part: Experiment) -> list[Contradiction]:
+    """The one of several inputs without whose sign the model is far nearer to the recording, whatever its
+    parameters are: of two that work against each other, as the voltages at both ends of a line do."""
+    moving = np.flatnonzero(np.ptp(part.inputs, axis=0) > 0)[:MOST_PARAMETERS]
+    if moving.size < 2:
+        return []
+    turned = {part.input_names[k]: Contradiction(part.input_names[k], -1.0, TURNED) for k in moving}
+    try:
+        for theta in _variants(flat):
+            limit = _relative_error(driven, part, theta) / DATA.other_scale
+            turned = {
+                name: one
+                for name, one in turned.items()
+                if _relative_error(driven, one.mended(part), theta) < limit
+            }
+            if not turned:
+                return []
+    except DaestError:
+        return []
+    return list(turned.values()) if len(turned) == 1 else []
+
+
+def _relative_error(driven: Any, experiment: Experiment, theta: np.ndarray) -> float:
+    """What a simulation leaves of the outputs, as a share of what they do without a trend: the root of the
+    mean square over those that move."""
+    from daest.systems.simulate import simulate
+
+    simulated = simulate(driven, experiment, theta=theta).outputs
+    shares = []
+    for measured, values in zip(experiment.outputs.T, simulated.T, strict=True):
+        known = np.isfinite(measured) & np.isfinite(values)
+        moved = _without_trend(experiment.time[known], np.column_stack([measured, values])[known])
+        spread = float(np.linalg.norm(moved[:, 0])) if known.sum() >= 3 else 0.0
+        if spread > 0.0:
+            shares.append(float(np.linalg.norm(moved[:, 0] - moved[:, 1])) / spread)
+    return float(np.sqrt(np.mean(np.square(shares)))) if shares else np.nan
+
+
+def _without_trend(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Columns (n, …) at the times (n,) without their straight lines: where they drift, they do so for other
+    reasons than their inputs."""
+    basis = np.vander(time - time[:1], 2)
+    return values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
 
 
 def all_mended(experiment: Experiment, found: Sequence[Contradiction]) -> Experiment:
@@ -169,12 +227,11 @@ def _beside(
 
 
 def _correlation(time: np.ndarray, measured: np.ndarray, simulated: np.ndarray) -> tuple[float, float]:
-    """Correlation and ratio of the sizes, without a trend: where both drift, they do so for other reasons."""
+    """Correlation and ratio of the sizes, without a trend."""
     known = np.isfinite(measured) & np.isfinite(simulated)
     if known.sum() < 3:
         return np.nan, np.nan
-    basis = np.vander(time[known] - time[0], 2)
-    rest = [v - basis @ np.linalg.lstsq(basis, v, rcond=None)[0] for v in (measured[known], simulated[known])]
+    rest = _without_trend(time[known], np.column_stack([measured, simulated])[known]).T
     sizes = [float(np.linalg.norm(v)) for v in rest]
     if not min(sizes) > 0:
         return np.nan, np.nan

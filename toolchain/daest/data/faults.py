@@ -23,6 +23,7 @@ from daest.quantities import converts
 
 NEXT_LEVELS = 5  # beside a limit, that it is compared with
 NEIGHBOURS = 12  # samples on either side of a spike
+SPAN = 4  # samples of a third difference
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,8 @@ def column_findings(samples: Samples, n_missing: int) -> list[Finding]:
     # A value that a signal drops to, or is limited to, is neither an outlier nor where a sensor got stuck.
     special = _drops(samples) or _saturation(samples)
     spikes = [] if special and special[0].code == "check-dropouts" else _outliers(samples)
-    return [*found, *special, *spikes, *([] if special else _stuck(samples)), *_coarse(samples)]
+    bursts = [] if special or spikes else _bursts(samples)
+    return [*found, *special, *spikes, *bursts, *([] if special else _stuck(samples)), *_coarse(samples)]
 
 
 def absurd(values: np.ndarray) -> np.ndarray:
@@ -278,6 +280,44 @@ def _outliers(samples: Samples) -> list[Finding]:
     return [
         Finding("check-outliers", "warning", samples.name, text, float(samples.time[spikes[0]]), spikes.size)
     ]
+
+
+def _bursts(samples: Samples) -> list[Finding]:
+    """Stretches in which a signal with visible noise jumps to and fro much further than elsewhere, and goes
+    on as before: of a loose plug, or a radio beside the cable. Such spikes, beside each other, pass a median
+    filter. Steps and impacts of a machine show in few third differences."""
+    if samples.noise is None:
+        return []
+    third = np.diff(samples.values, 3) / np.sqrt(20.0)
+    sizes = np.abs(third)
+    found = [p for p in _stretches(np.flatnonzero(sizes > DATA.spike * samples.noise)) if _is_burst(third, p)]
+    inside = np.zeros(sizes.size, dtype=bool)
+    for part in found:
+        inside[part[0] : part[-1] + 1] = True
+    usual = sizes[~inside].max(initial=0.0)
+    found = [part for part in found if sizes[part].max() > DATA.spike_beyond * usual]
+    stretches = [(int(part[0]) + SPAN - 1, int(part[-1])) for part in found]
+    count = sum(last - first + 1 for first, last in stretches)
+    if not stretches or count > DATA.burst * samples.values.size:
+        return []
+    worst = max(float(np.ptp(samples.values[first : last + 1])) for first, last in stretches)
+    at = float(samples.time[stretches[0][0]])
+    text = f"jumps to and fro by up to {worst:.4g} in {count} samples ({len(stretches)} time(s)), noise "
+    text += f"{samples.noise:.3g} elsewhere"
+    return [Finding("check-outliers", "warning", samples.name, text, at, count)]
+
+
+def _stretches(loud: np.ndarray) -> list[np.ndarray]:
+    """The indices `loud` (n,) of third differences, ascending, in groups of those that share samples: such
+    a difference spans four."""
+    return np.split(loud, np.flatnonzero(np.diff(loud) > SPAN) + 1) if loud.size else []
+
+
+def _is_burst(third: np.ndarray, loud: np.ndarray) -> bool:
+    """Whether white noise alone makes the third differences at `loud`: many after each other, mostly of other
+    signs. A step or an impact makes as many as one difference spans, at most."""
+    inside = third[loud[0] : loud[-1] + 1]
+    return loud.size >= 2 * SPAN and float(np.mean(inside[1:] * inside[:-1] < 0)) > DATA.white_changes
 
 
 def _steps_around(values: np.ndarray, i: int) -> float:

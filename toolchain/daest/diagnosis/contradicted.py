@@ -46,15 +46,18 @@ def contradicted(
 
 
 def _is_why(given: FitResult, better: FitResult, found: Sequence[Contradiction]) -> bool:
-    """Whether the model follows what was mended, and not as it was given."""
+    """Whether the model follows what was mended, and not as it was given; one of several inputs may leave
+    some of the outputs as they are."""
     outputs = better.simulated["estimation"].fit_percent
-    names = [one.signal for one in found if one.signal in outputs] or list(outputs)
+    turned = [one.signal for one in found if one.signal in outputs]
+    names = turned or list(outputs)
 
     def follows(fit: FitResult) -> list[bool]:
         percents = fit.simulated["estimation"].fit_percent
         return [(percents[name] or 0.0) > GATES.min_driven_fit for name in names]
 
-    return all(follows(better)) and not any(follows(given))
+    as_given = follows(given)
+    return all(follows(better)) and not (any(as_given) if turned else all(as_given))
 
 
 def _told(given: FitResult, better: FitResult, found: Sequence[Contradiction], seconds: float) -> Diagnosis:

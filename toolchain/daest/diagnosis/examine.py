@@ -16,7 +16,7 @@ from daest.diagnosis.changing_values import changing_value
 from daest.diagnosis.chosen import chosen_candidates
 from daest.diagnosis.course import Course
 from daest.diagnosis.disturbance import place_gains, smoothed_load
-from daest.diagnosis.faulty import EMPTY, faults_beside, faults_told
+from daest.diagnosis.faulty import EMPTY, faults_beside, faults_in_errors, faults_told
 from daest.diagnosis.free_forms import free_forms, keep_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.held_values import OtherValue, other_value
@@ -153,10 +153,10 @@ def _examined(
         message += verdicts.two_alike(found) if decided.name == "external disturbance" else ""
     recordings = (*null.experiments, *stand.validation)
     faults = "" if decided.name in EXPLAINED else faults_told(recordings)
-    beside_law = faults_beside(recordings) if decided.name == "supported" else ""
+    counted = _faults_counted(decided.name, recordings)
     return Diagnosis(
         verdict=decided.name,
-        message=message + faults + beside_law + ("" if is_whole else TIME_UP),
+        message=message + faults + counted + ("" if is_whole else TIME_UP),
         baseline=stand.told,
         proofs=decided.proofs,
         unproved=unproved,
@@ -172,6 +172,14 @@ def _examined(
         is_by_colour=decided.is_by_colour,
         is_of_starts=decided.is_of_starts,
     )
+
+
+def _faults_counted(verdict: str, recordings: Sequence[Experiment]) -> str:
+    """A sentence on faults of the recordings, which sizes and errors count, where the verdict explains the
+    data all the same."""
+    if verdict not in EXPLAINED:
+        return ""
+    return faults_beside(recordings) if verdict == "supported" else faults_in_errors(recordings)
 
 
 def _earlier(stand: Stand, proofs: Sequence[Proof]) -> EarlierInputs:

@@ -22,8 +22,18 @@ def faults_told(experiments: Sequence[Experiment]) -> str:
 
 def faults_beside(experiments: Sequence[Experiment]) -> str:
     """The same beside a law, whose sizes and errors they bend."""
+    return _counted("Its sizes and errors", experiments)
+
+
+def faults_in_errors(experiments: Sequence[Experiment]) -> str:
+    """The same where the model lacks nothing: they are in its errors, and in the noise that these are held
+    against."""
+    return _counted("The errors", experiments)
+
+
+def _counted(what: str, experiments: Sequence[Experiment]) -> str:
     texts = _faults(experiments)
-    return f" Its sizes and errors count faults of the recording: {texts}. {EMPTY}" if texts else ""
+    return f" {what} count faults of the recording: {texts}. {EMPTY}" if texts else ""
 
 
 def _faults(experiments: Sequence[Experiment]) -> str:

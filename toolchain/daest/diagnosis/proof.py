@@ -15,6 +15,7 @@ from daest.diagnosis.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.free_forms import free_forms
 from daest.diagnosis.free_starts import misfit, steady_misfit
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.late_signals import is_late
 from daest.diagnosis.null import Null, grown, loads_of, period_of, refitted
 from daest.diagnosis.open_loop import (
     Simulated,
@@ -117,12 +118,14 @@ def searched(
     leader: Proof | None = None,
 ) -> Searched:
     """The refit of one candidate on `experiments`, the null's with the signals that the effect needs; pursued
-    no further where it falls far behind the `leader`, unless its simulation has come further: beside loads of
-    the size that the null has, the search begins far below that. Raises what `refit` raises."""
+    no further where it falls far behind the `leader`, unless its simulation has come further, or it is late
+    by a time that the innovations have told: beside loads of the size that the null has, the search begins
+    far below that. Raises what `refit` raises."""
     explicit = prepared.reduced()
     fed = replace(null, experiments=tuple(experiments))
     hopeless = least_hope(leader, prepared.trial.candidate)
-    hopeless = -np.inf if prepared.simulated > hopeless else hopeless
+    is_told_late = is_late(prepared.trial.candidate) and prepared.simulation is None
+    hopeless = -np.inf if is_told_late or prepared.simulated > hopeless else hopeless
     refit = _refit(fed, prepared, explicit, hopeless, null_fit.log_likelihood)
     gain = refit.fit.log_likelihood - null_fit.log_likelihood
     return Searched(prepared, explicit, fed.experiments, refit, float(gain))

@@ -629,7 +629,9 @@ def laws_at_its_place(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tu
     Those with fewer parameters: an outlet over any pressure bends to what a leak does, and the screen, which
     has seen it at other pressures, tells the two apart. And those with shapes, where it leaves a part of the
     loads and the errors of a simulation last: a spring that hardens bends over all of its travel to what a
-    stop does at the ends, which the screen has tried at a few places alone. Laws of signals have
+    stop does at the ends, which the screen has tried at a few places alone. And those with kinks, where it
+    has none and no fewer parameters: dry friction of a shaft that turns one way is a constant torque once its
+    kink is as sharp as the data have it, and the screen has it rounded. Laws of signals have
     `signal_laws`."""
     own = best.candidate
     if own.is_of_signal:
@@ -638,6 +640,7 @@ def laws_at_its_place(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tu
     known = {p.candidate.effect.class_name for p in tried if p.candidate.site == own.site}
     plainer: dict[str, Trial] = {}
     shaped: dict[str, Trial] = {}
+    kinked: dict[str, Trial] = {}
     for entry in screen.entries:
         one, law = entry.candidate, entry.candidate.effect.class_name
         is_new = one.site == own.site and law not in known and entry.p_value < GATES.screen_level
@@ -647,7 +650,23 @@ def laws_at_its_place(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tu
             plainer.setdefault(law, Trial(one, entry.sizes, ()))
         elif is_partial and _has_shapes(one):
             shaped.setdefault(law, Trial(one, entry.sizes, ()))
-    return (*list(plainer.values())[:MOST_SIMPLER], *list(shaped.values())[:MOST_SHAPED])
+        elif _is_kinked(one) and not _is_kinked(own) and _is_alike(one, own, screen):
+            kinked.setdefault(law, Trial(one, entry.sizes, ()))
+    lists = ((plainer, MOST_SIMPLER), (shaped, MOST_SHAPED), (kinked, MOST_SIMPLER))
+    return tuple(trial for found, most in lists for trial in list(found.values())[:most])
+
+
+def _is_kinked(one: Candidate) -> bool:
+    return any(p.role == "sharpness" for p in one.effect.parameters)
+
+
+def _is_alike(one: Candidate, own: Candidate, screen: Screen) -> bool:
+    """Whether a law has no more parameters than `own` and a response like that, rounded as in the screen."""
+    names = [entry.candidate.name for entry in screen.entries]
+    if own.name not in names or one.n_unknowns > own.n_unknowns:
+        return False
+    correlation = screen.correlation[names.index(own.name), names.index(one.name)]
+    return bool(correlation**2 >= GATES.min_rounded_response)
 
 
 def _has_shapes(one: Candidate) -> bool:

@@ -297,8 +297,9 @@ def begun_best(
     A recording that begins far from where the inputs alone would lead, or states that the outputs hardly see,
     would take hundreds of steps in the sizes that a simulation from rest shows. The shape of what a short
     delay holds is hardly seen, and in a size that is seen it is far beyond what the slopes of a law behind it
-    tell: a search that sticks there begins anew with these shapes at rest. Shapes: z, lower and upper
-    (n_z,)."""
+    tell: a search that sticks there begins anew with these shapes at rest. And where the first samples show
+    a start that is far off, behind a sensor that bends or saturates, it begins anew amid what the run reaches
+    later. Shapes: z, lower and upper (n_z,)."""
     grown = np.maximum(_scale_by_outputs(problem, z), 1.0)
     z = z / np.tile(grown, len(problem.experiments))
     problem = replace(problem, state_scale=problem.state_scale * grown)
@@ -316,8 +317,31 @@ def begun_best(
         ends.append(resting)
         if resting is not None:
             ends.append(minimise(likelihood, resting.z, lower, upper, iterations, FIT.agreement_gain))
+    middle = None if is_near or ends[0] is None else _amid_the_run(problem, ends[0].z)
+    if middle is not None:
+        ends.append(ended(np.clip(middle, lower, upper), lower, upper))
     found = [end for end in ends if end is not None]
     return problem, min(found, key=lambda end: end.evaluation.value, default=None)
+
+
+def _amid_the_run(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray | None:
+    """The initial states (n_z,) amid those that the runs from z come to, where the first part of some
+    recording is left with much larger errors of an output than the rest; None where none is."""
+    errors = prediction_errors(problem, z)
+    if errors is None or not any(_shows_its_start(one) for one in errors.errors):
+        return None
+    middle = np.array([np.median(one.states, axis=0) for one in errors.trajectories])
+    return (middle / problem.state_scale).ravel() if np.isfinite(middle).all() else None
+
+
+def _shows_its_start(errors: np.ndarray) -> bool:
+    """Whether the first tenth of errors (n_samples, n_y) is much larger than the rest, at some output."""
+    n = errors.shape[0] // 10
+    if n == 0:
+        return False
+    known = np.where(np.isfinite(errors), errors, 0.0)
+    first, rest = (np.sqrt(np.mean(np.square(part), axis=0)) for part in (known[:n], known[n:]))
+    return bool(np.any(first > FIT.shown_start * rest))
 
 
 def limits(problem: TrajectoryProblem) -> tuple[np.ndarray, np.ndarray]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import casadi as ca
+import numpy as np
 
 from daest.errors import ModelError
 from daest.model.effects import Domain, Effect, Placement, Site
@@ -55,6 +56,7 @@ from daest.modelica.text import number_text
 __all__ = ["CurveText", "Extension", "extend_by_curve", "extend_model"]
 
 _MARGIN = 110
+_SUBSCRIPTS = re.compile(r"\[([\d,]+)\]")
 _LOADS = {
     "rotational": ("Daest.Effects.Rotational.LearnedTorque", "flange"),
     "translational": ("Daest.Effects.Translational.LearnedForce", "flange"),
@@ -183,7 +185,7 @@ def extend_model(
     attach(flat, effect, site, name, values, inputs)  # for its checks
     component = name or component_name(effect, names_of(flat))
     placement = Placement(effect, site, component, values or {}, inputs or {})
-    draft = _Draft(changes=_changes(parameters or {}, original.flat))
+    draft = _Draft(changes=_changes(parameters or {}, original))
     draft.declarations.append(_declaration(placement, units_at(flat, effect, site), held))
     _supply(draft, placement, flat)
     original = _connect(draft, placement, original)
@@ -220,7 +222,7 @@ def extend_by_curve(
         original, end = _opened_balance(original, node.name, node.domain)
         ends = (end,)
     component = free_name(_LEARNED, names_of(original.flat))
-    draft = _Draft(changes=_changes(parameters or {}, original.flat))
+    draft = _Draft(changes=_changes(parameters or {}, original))
     load_class, connector = _LOADS[node.domain]
     draft.declarations.append(_curve_declaration(load_class, component, load))
     draft.connect(f"{component}.{connector}", _reachable(original, ends))
@@ -236,9 +238,10 @@ def _original(path: Path, class_name: str | None, libraries: Sequence[str | Path
     return _Original(path, source, head, compile_text(source, path, chosen, libraries), libraries)
 
 
-def _changes(parameters: Mapping[str, float], flat: FlatModel) -> list[str]:
+def _changes(parameters: Mapping[str, float], original: _Original) -> list[str]:
     """New values of the model's parameters, as they stand in the modification of the extends clause. One that
     had to pass a bound takes this along."""
+    flat = original.flat
     known = {p.name: p for p in flat.parameters if "." not in p.name}
     passed: dict[str, str] = {}
     for name, value in parameters.items():
@@ -248,9 +251,46 @@ def _changes(parameters: Mapping[str, float], flat: FlatModel) -> list[str]:
         elif high is not None and value > high:
             passed[name] = "max"
     texts = {name: number_text(float(value)) for name, value in parameters.items()}
-    inside = {name: text for name, text in texts.items() if name not in passed}
+    bounds = {n: f"{n}({bound} = {texts[n]})" for n, bound in passed.items() if "[" not in n}
+    bounds |= {_array_of(n): f"{_array_of(n)}(each {b} = {texts[n]})" for n, b in passed.items() if "[" in n}
+    values = {name: text for name, text in texts.items() if "[" not in name}
+    arrays = dict.fromkeys(_array_of(name) for name in texts if "[" in name)
+    values |= {name: _array_text(name, parameters, original) for name in arrays}
+    inside = {name: text for name, text in values.items() if name not in bounds}
     changes = [modification(inside)] if inside else []
-    return [*changes, *(f"{n}({bound} = {texts[n]}) = {texts[n]}" for n, bound in passed.items())]
+    return [*changes, *(f"{bound} = {values[n]}" for n, bound in bounds.items())]
+
+
+def _array_of(name: str) -> str:
+    """The name without subscripts: what a modification changes as a whole, `wall.R` of `wall[2].R[1]`."""
+    return _SUBSCRIPTS.sub("", name)
+
+
+def _array_text(array: str, parameters: Mapping[str, float], original: _Original) -> str:
+    """The values of an array of parameters, new ones and those of the model, `{1.0, 2.5}`."""
+    found = {
+        tuple(int(i) for part in _SUBSCRIPTS.findall(p.name) for i in part.split(",")): (
+            parameters.get(p.name, p.value)
+        )
+        for p in original.flat.parameters
+        if _array_of(p.name) == array
+    }
+    size = tuple(max(column) for column in zip(*found, strict=True))
+    if len(found) != np.prod(size):
+        raise original.refusal(
+            f"the values of `{array}` cannot be written: some of its elements are computed",
+            "Give its elements names of their own, or set them in the model.",
+        )
+    return _nested([number_text(float(found[at])) for at in sorted(found)], size)
+
+
+def _nested(texts: Sequence[str], size: Sequence[int]) -> str:
+    """The texts, the last index first, in braces as often as there are indices."""
+    if not size:
+        return texts[0]
+    step = len(texts) // size[0]
+    rows = (_nested(texts[i : i + step], size[1:]) for i in range(0, len(texts), step))
+    return f"{{{', '.join(rows)}}}"
 
 
 def _extension(

@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Sequence
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 
 import rumoca
 
 from daest.errors import ModelError, Place
 from daest.modelica.library import library_root
-from daest.modelica.outline import KINDS, Token, class_heads, imported, place_of, place_told, tokens
+from daest.modelica.outline import (
+    KINDS,
+    Token,
+    class_heads,
+    class_tokens,
+    depths,
+    imported,
+    name_end,
+    place_of,
+    place_told,
+    tokens,
+)
 from daest.near import did_you_mean, near_names
 
 STANDARD = "Modelica."  # how names of the Modelica Standard Library begin
@@ -121,6 +132,8 @@ def translated(
         made = translate(message, path, text, class_name)
         if made is not None:
             return made
+    if "expression shape mismatch" in message and (taken := _hidden_array(text, class_name)) is not None:
+        return _mistaken(*taken, str(path))
     if "failed in ToDae" in message:
         return BeyondCompiler(
             "model-compile",
@@ -246,6 +259,51 @@ _LIMITS = (
         "calls such a function",
     ),
 )
+
+
+def _mistaken(array: str, around: str, inside: str, where: str) -> ModelError:
+    """The compiler takes the array of the class around for what has its name in a class inside."""
+    return BeyondCompiler(
+        "model-compile",
+        f"`{array}` is an array in `{around}` and something else in the class `{inside}` inside of it, and "
+        "the compiler that is built in takes one for the other. The model may well be right",
+        where=where,
+        remedy=f"Call one of them otherwise, or put the class `{inside}` in front of `{around}`.",
+    )
+
+
+def _hidden_array(text: bytes, class_name: str) -> tuple[str, str, str] | None:
+    """An array of values in a class which has the name of a component that is none in a class inside: its
+    name, and those of the two classes. None where there is none."""
+    heads = [head for head in class_heads(text) if not head.is_short]
+    outer = next((head for head in heads if head.name == class_name), None)
+    arrays = () if outer is None else _value_arrays(class_tokens(text, outer))
+    for head in heads if arrays else ():
+        if head.name.startswith(f"{class_name}."):
+            own = next((word for word in _declared(class_tokens(text, head)) if word in arrays), None)
+            if own is not None:
+                return own, class_name, head.name.rpartition(".")[2]
+    return None
+
+
+def _declared(words: Sequence[Token]) -> Iterable[str]:
+    """The names behind another name in a class, outside of brackets, without those of arrays: of components,
+    and words of the language."""
+    for i, depth in islice(depths(words), 1, None):
+        is_array = i + 1 < len(words) and words[i + 1].text == "["
+        if depth == 0 and words[i].kind == words[i - 1].kind == "name" and not is_array:
+            yield words[i].text
+
+
+def _value_arrays(words: Sequence[Token]) -> set[str]:
+    """The parameters and constants of a class that are declared as arrays, `parameter Real L[2]`."""
+    found = set()
+    for i, depth in depths(words):
+        if depth == 0 and words[i].text in ("parameter", "constant"):
+            at = name_end(words, i + 1)
+            if at + 1 < len(words) and words[at + 1].text == "[":
+                found.add(words[at].text)
+    return found
 
 
 def _limit(said: str) -> str:
