@@ -426,7 +426,8 @@ def _comes_near(evidence: Evidence, near: Proof) -> Decided:
 
 
 def _any_dynamics(evidence: Evidence, short: Sequence[Proof]) -> Decided:
-    """Lags or delays that do away with what is missing, and are too short to be told from one another."""
+    """Lags, delays and other stores that do away with what is missing, and are too short to be told from one
+    another."""
     best = short[0]
     labels = _listed(tuple(p.candidate.label for p in short))
     would = f"{labels if len(short) == 1 else f'any of {labels}'} would do ({told_values(best)})"
