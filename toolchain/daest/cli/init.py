@@ -14,6 +14,7 @@ from daest.cli.options import ModelOptions, example, format_option, model_option
 from daest.cli.output import emit, whole_file
 
 if TYPE_CHECKING:
+    from daest.data.table import Table
     from daest.model.experiment import DataCheck
     from daest.model.flat import Model
     from daest.report.documents.project import InitDocument
@@ -65,12 +66,24 @@ def command(
         {**named_units(matches, tables[0]), **named_time_unit(tables[0])} if tables else {},
         frozenset({*parameters.held, *(parameters.prior or {}), *_other_choice(source, flat)}),
         proposed,
+        _split(tables),
     )
     with whole_file(file) as temporary:
         temporary.write_text(project_text(draft), encoding="utf-8")
     project = load_project(file)
     checks = [checked(path, project, flat) for path in data]
     emit(_document(file, draft, checks), "init", form, None, _text)
+
+
+def _split(tables: Sequence[Table]) -> float:
+    """The share of the recordings that estimates: half, or more of them where that is too short to diagnose
+    from, and the whole is not."""
+    import numpy as np
+
+    from daest.diagnosis.stand import least_share
+
+    sizes = [table.columns[0].values.size for table in tables if table.columns]
+    return least_share([np.arange(size) for size in sizes if size]) or 0.5
 
 
 def _refuse_existing(file: Path) -> None:
