@@ -204,3 +204,13 @@ def test_parameters_chosen_on_the_command_line_are_written(box, daest):
     (box / "daest.toml").unlink()
     assert "estimated parameters: T\n" in daest("init", "Lag.mo", "--fix", "k=3")[1]
     assert load_project().parameters["k"].estimate is False
+
+
+def test_of_parameters_that_cancel_the_first_are_proposed(folder, daest):
+    """Of m and d of a falling body, d/m is known."""
+    units = {"m": "kg", "g": "m/s2", "d": "N.s/m"}
+    parameters = "".join(f'  parameter Real {name}(unit = "{unit}") = 2;\n' for name, unit in units.items())
+    text = f"model Fall\n{parameters}  output Real y;\nequation\n  m*der(y) = m*g - d*y;\nend Fall;\n"
+    (folder / "Fall.mo").write_text(text)
+    code, out, _ = daest("init", "Fall.mo", "run1.csv", "--format", "json")
+    assert code == 0 and json.loads(out)["estimate"] == ["m", "g"] == json.loads(out)["proposed"]

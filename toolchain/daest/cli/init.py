@@ -35,7 +35,8 @@ def command(
 
     Columns are matched with inputs and outputs by name, or proposed by description and unit. Where the model
     marks no parameter as unknown, those with a unit that it declares itself are proposed, or else those that
-    it gives to its components. An existing file is not touched.
+    it gives to its components, of such that no recording could tell apart the first. An existing file is not
+    touched.
     """
     from daest.cli.check import checked
     from daest.cli.models import model_source
@@ -121,7 +122,8 @@ def _proposed(flat: Model, given: frozenset[str]) -> tuple[str, ...]:
     """What to estimate where the model marks nothing: the parameters that it declares itself (no part of a
     component), or else those `given` to its components, with a unit and a value other than zero. What is zero
     is the place of something, and a number without a unit is a ratio that somebody chose; what stands in no
-    equation is a start, say, and starts are free."""
+    equation is a start, say, and starts are free. Of those that the equations know only together, the first
+    are proposed."""
     from daest.model.flat import FlatModel
     from daest.modelica.sites import used_parameters
 
@@ -137,7 +139,22 @@ def _proposed(flat: Model, given: frozenset[str]) -> tuple[str, ...]:
         if p.unit not in ("", "1") and p.value != 0.0 and not p.is_memory and p.name in used - noises
     ]
     own = tuple(name for name in may_be if "." not in name)
-    return own or tuple(name for name in may_be if name in given)
+    return _told_apart(flat, own or tuple(name for name in may_be if name in given))
+
+
+def _told_apart(flat: Model, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Without those that the equations know only together with earlier ones."""
+    from daest.errors import DaestError
+    from daest.model.flat import FlatModel
+    from daest.systems.known_together import told_apart
+    from daest.systems.reduce import reduce_index
+
+    if not isinstance(flat, FlatModel) or flat.events is not None:
+        return names
+    try:
+        return told_apart(reduce_index(flat), names)
+    except DaestError:
+        return names
 
 
 def _other_choice(source: Model, flat: Model) -> set[str]:
