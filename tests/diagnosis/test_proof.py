@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -54,6 +55,7 @@ from daest.model.diagnosis import Ahead, Candidate, Confirmed, FreeForm, InUse, 
 from daest.model.experiment import Experiment
 from daest.model.fit import Choice, error_ratios
 from daest.modelica.attach import attach
+from daest.modelica.compile import compile_text
 from daest.modelica.effects import find_effect
 from daest.modelica.sites import sites
 from daest.systems.reduce import reduce_index
@@ -489,6 +491,37 @@ def test_sensor_that_bends_and_tells_all_is_a_machine_that_bends(name, values, i
         said = same_in_machine(bends, bent, fit)
         expected = f"a machine that bends alike before {bent.site.name}"
         assert said == (expected if is_same and bent.site.kind == "output" else "")
+
+
+MUG = b"""model Mug "Hot water"
+  parameter Real G(unit = "W/K", min = 0) = 0.4 annotation(__Daest(estimate = true, scale = "log"));
+  input Real T_room(unit = "degC");
+  output Real T(unit = "degC", start = 98, fixed = false);
+equation
+  1000*der(T) = -G*(T - T_room)LOSS;
+end Mug;
+"""
+
+
+@pytest.mark.parametrize(
+    ("effect", "loss", "room", "is_same"),
+    [
+        ("Lag", "", 0.0, True),
+        ("Lag", "", 5.0, False),  # a room that moves tells a thermometer from a wall
+        ("Lag", " - 0.01*T^2", 0.0, False),  # no sum of decays
+        ("Offset", "", 0.0, False),
+    ],
+)
+def test_lag_of_the_only_sensor_of_what_nothing_drives_is_any_store(effect, loss, room, is_same):
+    """Two decays from unknown starts are those of a thermometer behind a mug as well as of a warm handle."""
+    flat = compile_text(MUG.replace(b"LOSS", loss.encode()), Path("Mug.mo"))
+    time = np.arange(100) * 60.0
+    rooms = 22.0 + room * np.sin(time / 600.0)
+    run = Experiment("run", time, rooms[:, None], np.zeros((100, 1)), ("T_room",), ("T",))
+    (late,) = (c for c in pairs(some_effects(effect), sites(flat)) if c.site.kind == "output")
+    known = attach(flat, late.effect, late.site, late.name, {})
+    model = SimpleNamespace(flat=known, explicit=reduce_index(known), experiments=(run,))
+    assert reasons._is_one_more_store(model, late) is is_same
 
 
 def test_readings_of_a_sensor_that_cuts_are_noise_beyond_its_limit():
