@@ -85,7 +85,7 @@ def test_a_diagnosis_that_cannot_be_made_is_told(watch):
     assert code == 0, text
     found = next(event for event in events if event["event"] == "diagnosis")
     assert found["verdict"] == "cannot tell" and found["effect"] is None and found["message"]
-    code, events, _ = watch(simulated(600, 500), "--diagnose")
+    code, events, _ = watch(simulated(540, 500), "--diagnose")
     assert "too few" in next(event["message"] for event in events if event["event"] == "diagnosis")
 
 
