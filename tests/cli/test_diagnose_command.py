@@ -275,13 +275,13 @@ def test_refused_data(cart, daest):
 
 def test_long_recordings_are_told_how_to_come_to_an_answer_sooner(cart, daest, monkeypatch):
     hint = "--resample 0.08 or a part (--to) first"
-    assert hint not in refusal(daest, "rub.csv", "--to", "4")
-    monkeypatch.setattr("daest.cli.diagnose.MANY_SAMPLES", 90)
-    assert hint in refusal(daest, "rub.csv", "--to", "4")
+    assert hint not in refusal(daest, "rub.csv", "--to", "1")
+    monkeypatch.setattr("daest.cli.diagnose.MANY_SAMPLES", 20)
+    assert hint in refusal(daest, "rub.csv", "--to", "1")
     uneven = np.loadtxt(cart / "rub.csv", delimiter=",", skiprows=1)
     uneven[1::3, 0] += 0.004
     write_recording(cart / "uneven.csv", uneven)
-    assert hint in refusal(daest, "uneven.csv", "--to", "4"), "an uneven clock has a median step"
+    assert hint in refusal(daest, "uneven.csv", "--to", "1"), "an uneven clock has a median step"
 
 
 def test_refused_cluster(cart, daest, monkeypatch):

@@ -21,6 +21,17 @@ def test_written_project_is_read_back(folder, daest):
     assert project.measurement_noise["y"].size == 0.02
 
 
+@pytest.mark.parametrize(("n_rows", "split"), [(40, 0.5), (61, 0.82), (120, 0.5)])
+def test_more_than_half_of_a_short_recording_estimates_where_that_is_enough(folder, daest, n_rows, split):
+    """Half of 61 samples are too few to diagnose from, and of 40 all are."""
+    lines = (folder / "run1.csv").read_text().splitlines()[: n_rows + 1]
+    (folder / "short.csv").write_text("\n".join(lines) + "\n")
+    assert len(lines) == n_rows + 1 and daest("init", "Lag.mo", "short.csv")[0] == 0
+    assert load_project().preparation.split == split
+    said = "the first half estimates" if split == 0.5 else "the first 82%, since half is too short, estimate,"
+    assert said in (folder / "daest.toml").read_text()
+
+
 def test_recordings_for_validation_are_known_by_their_names(folder, daest):
     (folder / "run_Test2.csv").write_text((folder / "run1.csv").read_text())
     (folder / "latest.csv").write_text((folder / "run1.csv").read_text())
@@ -193,3 +204,13 @@ def test_parameters_chosen_on_the_command_line_are_written(box, daest):
     (box / "daest.toml").unlink()
     assert "estimated parameters: T\n" in daest("init", "Lag.mo", "--fix", "k=3")[1]
     assert load_project().parameters["k"].estimate is False
+
+
+def test_of_parameters_that_cancel_the_first_are_proposed(folder, daest):
+    """Of m and d of a falling body, d/m is known."""
+    units = {"m": "kg", "g": "m/s2", "d": "N.s/m"}
+    parameters = "".join(f'  parameter Real {name}(unit = "{unit}") = 2;\n' for name, unit in units.items())
+    text = f"model Fall\n{parameters}  output Real y;\nequation\n  m*der(y) = m*g - d*y;\nend Fall;\n"
+    (folder / "Fall.mo").write_text(text)
+    code, out, _ = daest("init", "Fall.mo", "run1.csv", "--format", "json")
+    assert code == 0 and json.loads(out)["estimate"] == ["m", "g"] == json.loads(out)["proposed"]

@@ -129,3 +129,22 @@ def test_a_start_on_the_other_side_is_none_with_any_of_the_parameter_values():
     ph = -np.log10(x / 2 + np.sqrt(x**2 / 4 + 1e-14))
     acid = Experiment("acid", time, np.full((time.size, 1), rate), ph[:, None], ("q",), ("pH",))
     assert contradictions(compile_text(FLASK, Path("Flask.mo")), acid) == []
+
+
+AERATION = b"""model Aeration "Air bubbles through water"
+  parameter Real k(unit = "1/umol", min = 0) = 2e-5 annotation(__Daest(estimate = true, scale = "log"));
+  input Real air(unit = "umol/s");
+  output Real c(unit = "mg/l", start = 0, fixed = false);
+equation
+  der(c) = k*air*(8.9 - c);
+end Aeration;
+"""
+
+
+def test_what_rises_with_the_model_is_not_turned_where_it_only_bends_otherwise():
+    """Oxygen that sulfite takes up at first: it rises late, where the model rises at once."""
+    time = np.arange(0.0, 305.0, 5.0)
+    rises = 6.0 / (1 + np.exp(-(time - 250.0) / 60.0))
+    air = np.full((time.size, 1), 200.0)
+    experiment = Experiment("water", time, air, rises[:, None], ("air",), ("c",))
+    assert contradictions(compile_text(AERATION, Path("Aeration.mo")), experiment) == []

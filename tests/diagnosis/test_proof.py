@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -54,6 +55,7 @@ from daest.model.diagnosis import Ahead, Candidate, Confirmed, FreeForm, InUse, 
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, Choice, error_ratios
 from daest.modelica.attach import attach
+from daest.modelica.compile import compile_text
 from daest.modelica.effects import find_effect
 from daest.modelica.sites import sites
 from daest.systems.reduce import reduce_index
@@ -491,6 +493,37 @@ def test_sensor_that_bends_and_tells_all_is_a_machine_that_bends(name, values, i
         assert said == (expected if is_same and bent.site.kind == "output" else "")
 
 
+MUG = b"""model Mug "Hot water"
+  parameter Real G(unit = "W/K", min = 0) = 0.4 annotation(__Daest(estimate = true, scale = "log"));
+  input Real T_room(unit = "degC");
+  output Real T(unit = "degC", start = 98, fixed = false);
+equation
+  1000*der(T) = -G*(T - T_room)LOSS;
+end Mug;
+"""
+
+
+@pytest.mark.parametrize(
+    ("effect", "loss", "room", "is_same"),
+    [
+        ("Lag", "", 0.0, True),
+        ("Lag", "", 5.0, False),  # a room that moves tells a thermometer from a wall
+        ("Lag", " - 0.01*T^2", 0.0, False),  # no sum of decays
+        ("Offset", "", 0.0, False),
+    ],
+)
+def test_lag_of_the_only_sensor_of_what_nothing_drives_is_any_store(effect, loss, room, is_same):
+    """Two decays from unknown starts are those of a thermometer behind a mug as well as of a warm handle."""
+    flat = compile_text(MUG.replace(b"LOSS", loss.encode()), Path("Mug.mo"))
+    time = np.arange(100) * 60.0
+    rooms = 22.0 + room * np.sin(time / 600.0)
+    run = Experiment("run", time, rooms[:, None], np.zeros((100, 1)), ("T_room",), ("T",))
+    (late,) = (c for c in pairs(some_effects(effect), sites(flat)) if c.site.kind == "output")
+    known = attach(flat, late.effect, late.site, late.name, {})
+    model = SimpleNamespace(flat=known, explicit=reduce_index(known), experiments=(run,))
+    assert reasons._is_one_more_store(model, late) is is_same
+
+
 def test_readings_of_a_sensor_that_cuts_are_noise_beyond_its_limit():
     """A force of 14 kN is none of a load cell that shows 10 kN: what slips there is the machine."""
     noise = 0.05 * np.random.default_rng(1).normal(size=600)
@@ -678,30 +711,89 @@ def test_ranking():
     assert ranked([]) == ()
 
 
+def law_told(name, delta_log_likelihood, **own):
+    """The proof of a law, of signals at an input, with values and standard errors of its own parameters."""
+    _, proof = proved()
+    effect = next(e for e in library() if e.name == name and e.domain != "translational")
+    place = next(s for s in sites(model()) if (s.kind == "input") == (effect.domain == "signal"))
+    law = Candidate(effect, place, name)
+    size = next(p for p in proof.fit.parameters if p.name.startswith(proof.candidate.name))
+    units = {p.name: p.unit for p in law.effect.parameters}
+    told = [
+        replace(
+            size,
+            name=f"{name}.{n}",
+            unit=units[n],
+            value=v,
+            std_error=e,
+            at_bound="max" if v == 1.0 else None,
+        )
+        for n, (v, e) in own.items()
+    ]
+    others = [p for p in proof.fit.parameters if not p.name.startswith(proof.candidate.name)]
+    fit = replace(proof.fit, parameters=(*others, *told))
+    bic = 2.0 * delta_log_likelihood - 8.0 * law.n_unknowns
+    final = None if proof.final is None else replace(proof.final, parameters=fit.parameters)
+    return replace(
+        proof, candidate=law, fit=fit, final=final, delta_log_likelihood=delta_log_likelihood, delta_bic=bic
+    )
+
+
+@pytest.mark.parametrize(
+    ("length", "size", "gain", "verdict"),
+    [
+        ((1e-5, 4e-5), 1.2, 240.0, "not separable"),
+        ((1e-3, 4e-5), 1.2, 240.0, "rejected"),  # its loop closes over a length that the data know
+        ((1e-5, 4e-5), 1.5, 240.0, "rejected"),  # another size
+        ((1e-5, 4e-5), 1.2, 100.0, "rejected"),  # most of what it does is not friction
+    ],
+)
+def test_loop_that_closes_within_no_length_may_be_dry_friction(length, size, gain, verdict):
+    loop = law_told("HystereticSpring", 300.0, tau_h=(1.21, 0.03), phi_h=length)
+    friction = law_told("CoulombFriction", gain, tau_c=(size, 0.03))
+    found = {p.candidate.effect.name: p.verdict for p in ranked([loop, friction])}
+    assert found["CoulombFriction"] == verdict
+
+
+@pytest.mark.parametrize(
+    ("time", "ahead", "verdict"),
+    [
+        ((1e-9, 1e-5), 0.0, "rejected"),
+        ((1e-3, 1e-5), 0.0, "not separable"),  # damping that the data know
+        ((1e-9, 1e-5), 4.0, "not separable"),  # clearly likelier
+    ],
+)
+def test_law_with_a_parameter_that_does_nothing_is_no_rival_of_one_without(time, ahead, verdict):
+    coil = law_told("Inductance", 300.0, L=(0.35, 0.01))
+    soft = law_told("ExtraCompliance", 300.0 + ahead, e=(110.0, 0.1), T=time)
+    found = {p.candidate.effect.name: p for p in ranked([coil, soft])}
+    assert found["ExtraCompliance"].verdict == verdict
+
+
+def test_law_that_says_what_a_short_lag_says_is_something_fast():
+    short = {"verdict": "rejected", "reason": "it is short", "is_any_dynamics": True}
+    lag = replace(law_told("Lag", 300.0, T=(5e-4, 5e-5)), **short)
+    coil = replace(law_told("Inductance", 300.0, L=(9e-4, 1e-4)), delta_bic=lag.delta_bic)
+    cross = replace(law_told("Crosstalk", 296.0, k=(-0.1, 0.01)), delta_bic=lag.delta_bic - 7.0)
+    found = {p.candidate.effect.name: p for p in ranked([lag, coil, cross])}
+    assert all(p.verdict == "rejected" for p in found.values())
+    assert (
+        found["Inductance"].is_any_dynamics and "says as much, but it is short" in found["Inductance"].reason
+    )
+    assert (
+        not found["Crosstalk"].is_any_dynamics and "says more, but it is short" in found["Crosstalk"].reason
+    )
+    likelier = replace(cross, delta_bic=lag.delta_bic - 5.0)
+    assert ranked([lag, likelier])[0].verdict == "supported"
+
+
 @pytest.mark.parametrize(
     ("share", "verdict"), [(0.996, "not separable"), (1.0, "not separable"), (0.9, "rejected")]
 )
 def test_a_share_that_is_all_of_it_is_no_parameter_beside_other_laws(share, verdict):
     """A limit on one side and a dead zone of which the recording shows one side do the same."""
-    _, proof = proved()
-    place = next(site for site in sites(model()) if site.kind == "input")
-
-    def bent(name, delta_log_likelihood, **own):
-        law = Candidate(some_effects(name)[0], place, name)
-        size = next(p for p in proof.fit.parameters if p.name.startswith(proof.candidate.name))
-        told = [
-            replace(size, name=f"{name}.{n}", value=v, std_error=e, at_bound="max" if v == 1.0 else None)
-            for n, (v, e) in own.items()
-        ]
-        others = [p for p in proof.fit.parameters if not p.name.startswith(proof.candidate.name)]
-        fit = replace(proof.fit, parameters=(*others, *told))
-        bic = 2.0 * delta_log_likelihood - 8.0 * law.n_unknowns
-        return replace(
-            proof, candidate=law, fit=fit, delta_log_likelihood=delta_log_likelihood, delta_bic=bic
-        )
-
-    zone = bent("DeadZone", 300.0, width=(1.6, 0.04))
-    limit = bent("OneSidedLimit", 300.2, share=(share, 0.006), limit=(0.01, 0.01))
+    zone = law_told("DeadZone", 300.0, width=(1.6, 0.04))
+    limit = law_told("OneSidedLimit", 300.2, share=(share, 0.006), limit=(0.01, 0.01))
     assert limit.delta_bic < zone.delta_bic - GATES.same_bic
     found = {p.candidate.effect.name: p.verdict for p in ranked([zone, limit])}
     assert found["OneSidedLimit"] == verdict
@@ -720,7 +812,7 @@ def test_flexible_part_that_says_no_more_than_a_refused_lag_is_refused(ahead, ve
     assert not found.reason or found.reason == (
         f"{lag.candidate.label} says as much with fewer parameters, but it is short"
     )
-    # One with as few unknowns is no imitation, unless it is play, by which a signal is late as well.
+    # One with as few unknowns is no imitation, unless something is late by it as well.
     play = pairs(some_effects("Play"), sites(model()))[0]
     late = next(p for p in ranked([replace(rich, candidate=play), lag]) if p.candidate is play)
     assert late.verdict == verdict

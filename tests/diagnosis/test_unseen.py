@@ -83,6 +83,15 @@ def test_values_that_are_kept_are_the_last_ones_measured_before_a_stretch():
     assert np.array_equal(three[0].ravel(), [1.0, 2.0, 3.0])
 
 
+def test_recordings_that_are_shorter_than_a_stretch_are_one_each():
+    """Halves of 28 and of 22 samples stand beside each other, whatever their lengths."""
+    errors_of = [_kept(np.arange(float(n))[:, None], 1) for n in (14, 11, 45)]
+    assert [one.shape for one in errors_of] == [(1, 20, 1), (1, 20, 1), (2, 20, 1)]
+    assert np.concatenate(errors_of).shape == (4, 20, 1)
+    short = errors_of[0].ravel()
+    assert np.all(short[1:14] == 1.0) and np.all(np.isnan(short[14:]))
+
+
 def test_effect_that_acts_seldom_is_judged_where_it_acts():
     rng = np.random.default_rng(2)
     rest = errors(rng, [1.0] * 200)

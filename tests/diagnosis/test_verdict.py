@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hidden_plants import model, rubbing, some_effects
 
+from daest.diagnosis import examine
 from daest.diagnosis import verdict as verdict_module
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.changing_values import ChangingValue
@@ -647,3 +648,14 @@ def test_a_simulation_that_gets_worse_is_told_as_worse(monkeypatch, adds_up):
     text = verdict_module._importance(SimpleNamespace(clock="s"), proof)
     assert "removes 72 % of the error of predictions 0.2 s ahead." in text
     assert "whole simulation gets 1.57 times larger" in text and ("it adds up" in text) == adds_up
+
+
+@pytest.mark.parametrize("asked", [verdict_module.WIDER_BAND, verdict_module.OTHER_AMPLITUDES, "Wait."])
+@pytest.mark.parametrize("inputs", [(), ("u",)])
+def test_a_model_without_inputs_is_not_to_be_driven(asked, inputs):
+    """What cools down in a mug has no input to excite; where it begins can be chosen."""
+    null = SimpleNamespace(flat=SimpleNamespace(inputs=inputs))
+    decided = verdict_module.Decided("unknown effect", "Something dynamic is missing.", asked)
+    told = examine._next_experiment(SimpleNamespace(null=null), decided, SimpleNamespace(seed=0))
+    is_other = not inputs and asked != "Wait."
+    assert (told != asked) == is_other and told.startswith("Begin from other states") == is_other

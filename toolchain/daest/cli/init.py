@@ -14,6 +14,7 @@ from daest.cli.options import ModelOptions, example, format_option, model_option
 from daest.cli.output import emit, whole_file
 
 if TYPE_CHECKING:
+    from daest.data.table import Table
     from daest.model.experiment import DataCheck
     from daest.model.flat import Model
     from daest.report.documents.project import InitDocument
@@ -34,7 +35,8 @@ def command(
 
     Columns are matched with inputs and outputs by name, or proposed by description and unit. Where the model
     marks no parameter as unknown, those with a unit that it declares itself are proposed, or else those that
-    it gives to its components. An existing file is not touched.
+    it gives to its components, of such that no recording could tell apart the first. An existing file is not
+    touched.
     """
     from daest.cli.check import checked
     from daest.cli.models import model_source
@@ -65,12 +67,24 @@ def command(
         {**named_units(matches, tables[0]), **named_time_unit(tables[0])} if tables else {},
         frozenset({*parameters.held, *(parameters.prior or {}), *_other_choice(source, flat)}),
         proposed,
+        _split(tables),
     )
     with whole_file(file) as temporary:
         temporary.write_text(project_text(draft), encoding="utf-8")
     project = load_project(file)
     checks = [checked(path, project, flat) for path in data]
     emit(_document(file, draft, checks), "init", form, None, _text)
+
+
+def _split(tables: Sequence[Table]) -> float:
+    """The share of the recordings that estimates: half, or more of them where that is too short to diagnose
+    from, and the whole is not."""
+    import numpy as np
+
+    from daest.diagnosis.stand import least_share
+
+    sizes = [table.columns[0].values.size for table in tables if table.columns]
+    return least_share([np.arange(size) for size in sizes if size]) or 0.5
 
 
 def _refuse_existing(file: Path) -> None:
@@ -108,7 +122,8 @@ def _proposed(flat: Model, given: frozenset[str]) -> tuple[str, ...]:
     """What to estimate where the model marks nothing: the parameters that it declares itself (no part of a
     component), or else those `given` to its components, with a unit and a value other than zero. What is zero
     is the place of something, and a number without a unit is a ratio that somebody chose; what stands in no
-    equation is a start, say, and starts are free."""
+    equation is a start, say, and starts are free. Of those that the equations know only together, the first
+    are proposed."""
     from daest.model.flat import FlatModel
     from daest.modelica.sites import used_parameters
 
@@ -124,7 +139,22 @@ def _proposed(flat: Model, given: frozenset[str]) -> tuple[str, ...]:
         if p.unit not in ("", "1") and p.value != 0.0 and not p.is_memory and p.name in used - noises
     ]
     own = tuple(name for name in may_be if "." not in name)
-    return own or tuple(name for name in may_be if name in given)
+    return _told_apart(flat, own or tuple(name for name in may_be if name in given))
+
+
+def _told_apart(flat: Model, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Without those that the equations know only together with earlier ones."""
+    from daest.errors import DaestError
+    from daest.model.flat import FlatModel
+    from daest.systems.known_together import told_apart
+    from daest.systems.reduce import reduce_index
+
+    if not isinstance(flat, FlatModel) or flat.events is not None:
+        return names
+    try:
+        return told_apart(reduce_index(flat), names)
+    except DaestError:
+        return names
 
 
 def _other_choice(source: Model, flat: Model) -> set[str]:

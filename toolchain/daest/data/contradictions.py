@@ -95,6 +95,8 @@ def _of_outputs(flat: Model, driven: Any, part: Experiment) -> list[Contradictio
         if not np.any(np.ptp(part.inputs, axis=0)):  # its starts alone move it, and these are free
             for theta in _variants(flat):
                 is_against = is_against & ~(_mirrored(driven, part, theta) >= -DATA.upside_down)
+                whole, _ = _beside(driven, part, theta, has_trend=True)  # no input: the trend is theirs, too
+                is_against = is_against & (whole < -DATA.upside_down)
     except DaestError:
         return []
     known = np.isfinite(np.stack(seen)[:, 0]).all(axis=0)
@@ -215,23 +217,30 @@ def _mirrored(driven: Any, part: Experiment, theta: np.ndarray) -> np.ndarray:
 
 
 def _beside(
-    driven: Any, experiment: Experiment, theta: np.ndarray | None, x0: np.ndarray | None = None
+    driven: Any,
+    experiment: Experiment,
+    theta: np.ndarray | None,
+    x0: np.ndarray | None = None,
+    has_trend: bool = False,
 ) -> np.ndarray:
     """Correlation of every measured output with the simulated one, and how many times as large it is,
-    (2, n_y); NaN where one of them stands still."""
+    (2, n_y); NaN where one of them stands still. Both without a trend, unless they have it."""
     from daest.systems.simulate import simulate
 
     simulated = simulate(driven, experiment, theta=theta, x0=x0).outputs
     pairs = zip(experiment.outputs.T, simulated.T, strict=True)
-    return np.array([_correlation(experiment.time, *pair) for pair in pairs]).T
+    return np.array([_correlation(experiment.time, *pair, has_trend) for pair in pairs]).T
 
 
-def _correlation(time: np.ndarray, measured: np.ndarray, simulated: np.ndarray) -> tuple[float, float]:
-    """Correlation and ratio of the sizes, without a trend."""
+def _correlation(
+    time: np.ndarray, measured: np.ndarray, simulated: np.ndarray, has_trend: bool
+) -> tuple[float, float]:
+    """Correlation and ratio of the sizes, without a trend or, where it has one, without the mean."""
     known = np.isfinite(measured) & np.isfinite(simulated)
     if known.sum() < 3:
         return np.nan, np.nan
-    rest = _without_trend(time[known], np.column_stack([measured, simulated])[known]).T
+    both = np.column_stack([measured, simulated])[known]
+    rest = (both - both.mean(axis=0) if has_trend else _without_trend(time[known], both)).T
     sizes = [float(np.linalg.norm(v)) for v in rest]
     if not min(sizes) > 0:
         return np.nan, np.nan

@@ -21,7 +21,7 @@ _VALIDATING = {"test", "testing", "val", "valid", "validate", "validation", "hol
 @dataclass(frozen=True)
 class Draft:
     """What a new daest.toml is written from. `source` and `data` are paths relative to the file; `columns`
-    are all columns of the recording."""
+    are all columns of the recording. `split` is the share of the recordings that estimates."""
 
     flat: Model
     source: str
@@ -35,6 +35,7 @@ class Draft:
     units: Mapping[str, str] = field(default_factory=dict)  # of columns, from their names
     chosen: frozenset[str] = frozenset()  # parameters of which the file says more than the model
     proposed: tuple[str, ...] = ()  # parameters that are estimated because the model marks none
+    split: float = 0.5
 
 
 def project_text(draft: Draft) -> str:
@@ -59,7 +60,10 @@ def _data(draft: Draft) -> Iterator[str]:
         yield f"validate = {_list(kept_back)}  # by their names: please check"
     elif draft.data:
         yield f"estimate = {_list(draft.data)}"
-        yield 'split = 0.5  # the first half estimates, the rest validates; or: validate = ["other.csv"]'
+        part = "half" if draft.split == 0.5 else f"{draft.split:.0%}, since half is too short,"
+        estimates = "estimates" if draft.split == 0.5 else "estimate"
+        rest = f"the first {part} {estimates}, the rest validates"
+        yield f'split = {draft.split:g}  # {rest}; or: validate = ["other.csv"]'
     else:
         yield '# estimate = ["run.csv"]\n# split = 0.5  # or: validate = ["other.csv"]'
     if draft.columns:
@@ -101,7 +105,8 @@ def _mapping(kind: str, matches: Sequence[Match]) -> Iterator[str]:
 def _parameters(draft: Draft) -> Iterator[str]:
     yield "\n[parameters]  # value; or estimate = true with start, min, max, scale (linear, log, auto)"
     if draft.proposed:
-        yield "# The model marks none as unknown. Those with a unit of their own are proposed: please check."
+        yield "# The model marks none as unknown. Those with a unit of their own are proposed, of such"
+        yield "# that no recording could tell apart the first: please check."
     for parameter in (p for p in draft.flat.parameters if not p.is_memory):
         shown = "" if parameter.estimate or parameter.name in draft.chosen else "# "
         remark = _remark(parameter.unit, parameter.description)

@@ -160,7 +160,8 @@ def _behind_a_lag(
             beside = accept(stand, lag, options.jobs)
         except FAILURES:
             return None
-        return with_lag(examine(beside, library, options, progress), told_beside(lag, stand, beside))
+        second = examine(beside, library, options, progress)
+        return with_lag(second, told_beside(lag, stand, beside), stand)
 
     lags = lags_in_the_way(found)
     if not lags or options.is_over:

@@ -340,8 +340,11 @@ def _are_steady(experiments: Sequence[Experiment]) -> bool:
 
 
 def _next_experiment(stand: Stand, decided: verdicts.Decided, options: DiagnoseOptions) -> str:
-    """The experiment of the verdict; computed, where candidates are left that could not be told apart."""
+    """The experiment of the verdict; computed, where candidates are left that could not be told apart. Where
+    the model has no input, none is asked for."""
     null = stand.null
+    if not null.flat.inputs:
+        return verdicts.FROM_ELSEWHERE.get(decided.next_experiment, decided.next_experiment)
     if decided.name != "cannot tell":
         return decided.next_experiment
     asked = Asked(decided.proofs, null.experiments, null.hold, options.seed)

@@ -114,6 +114,15 @@ def _is_shown(found: Diagnosis, proof: Proof) -> bool:
     return max(ratios, default=np.inf) < GATES.max_told_ratio
 
 
+def _simulates_worse(both: Proof, stand: Stand) -> bool:
+    """Whether unseen data are simulated no better with a law and a lag than without, where errors do not add
+    up: whatever they gain beside loads, they are not what the machine does."""
+    if stand.reference is None or stand.reference.adds_up:
+        return False
+    ratios = error_ratios(stand.told.simulated, both.told.simulated)
+    return bool(ratios) and float(np.mean(np.square(ratios))) >= 1.0
+
+
 def told_beside(lag: Proof, stand: Stand, beside: Stand) -> Proof:
     """The proof of a lag by the model of `beside`, that of `stand` with the lag."""
     gain = beside.baseline.log_likelihood - stand.baseline.log_likelihood
@@ -130,10 +139,11 @@ def told_beside(lag: Proof, stand: Stand, beside: Stand) -> Proof:
     )
 
 
-def with_lag(second: Diagnosis, lag: Proof) -> Diagnosis | None:
-    """The diagnosis beside a lag, with this told; None where it accepts nothing."""
+def with_lag(second: Diagnosis, lag: Proof, stand: Stand) -> Diagnosis | None:
+    """The diagnosis beside a lag, with this told; None where it accepts nothing, or nothing with which unseen
+    data are simulated any better than by the model of `stand`."""
     accepted = [proof for proof in second.proofs if proof.verdict != "rejected"]
-    if not accepted:
+    if not accepted or _simulates_worse(accepted[0], stand):
         return None
     lag = replace(lag, final=accepted[0].told)  # beside what had held it back
     message = (

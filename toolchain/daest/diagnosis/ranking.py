@@ -75,8 +75,13 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     close = [p for p in close if p not in nested]
     twins = [p for p in close if p is not best and _is_twin(p, best)]
     close = [p for p in close if p not in twins]
+    idle = [p for p in close if _is_idle(p, best)]
+    close = [p for p in close if p not in idle]
     doubted = [
-        p for p in order if p not in close and (_is_rounded_otherwise(p, best) or _is_as_likely(p, best))
+        p
+        for p in order
+        if p not in close
+        and (_is_rounded_otherwise(p, best) or _is_as_likely(p, best) or _is_at_limit(best, p))
     ]
     close += doubted
     result = []
@@ -104,6 +109,10 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
             )
         else:
             worse = _bic(best) - _bic(proof)
+            if proof in idle:
+                reason = f"{best.candidate.label} says as much with fewer parameters"
+                result.append(replace(proof, verdict="rejected", reason=reason))
+                continue
             if proof in same:
                 reason = f"it is the same equation as {best.candidate.label}"
                 result.append(replace(proof, verdict="rejected", reason=reason))
@@ -117,25 +126,66 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
 
 def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
     """Laws with states are refused that say no more than a simpler lag or delay which is too short to be told
-    from others, or only comes near: a flexible part with three parameters imitates the lag of a sensor."""
+    from others, or only comes near: a flexible part with three parameters imitates the lag of a sensor; and
+    any law that says less than such a one with no more parameters."""
     lags, result = [p for p in proofs if p.is_any_dynamics or p.comes_near], []
     for proof in proofs:
         simpler = [p for p in lags if is_simpler(p.candidate, proof.candidate)]
-        same = next((p for p in simpler if proof.delta_bic <= p.delta_bic + GATES.same_bic), None)
-        if proof.verdict != "rejected" and proof.candidate.effect.n_states and same is not None:
+        more = GATES.same_bic if proof.candidate.effect.n_states else -GATES.same_bic
+        same = next((p for p in simpler if proof.delta_bic <= p.delta_bic + more), None)
+        if proof.verdict != "rejected" and same is not None:
             fewer = len(same.candidate.estimated) < len(proof.candidate.estimated)
             how = " with fewer parameters" if fewer else ""
-            reason = f"{same.candidate.label} says as much{how}, but {same.reason}"
-            proof = replace(proof, verdict="rejected", reason=reason)
+            much = "as much" if more > 0.0 else "more"
+            reason = f"{same.candidate.label} says {much}{how}, but {same.reason}"
+            is_such = same.is_any_dynamics and not fewer and abs(proof.delta_bic - same.delta_bic) <= more
+            proof = replace(proof, verdict="rejected", reason=reason, is_any_dynamics=is_such)
         result.append(proof)
     return result
 
 
 def is_simpler(lag: Candidate, law: Candidate) -> bool:
-    """Whether a lag has fewer parameters than a law, or as many as one by which a signal follows late in
-    another way: play has a width."""
+    """Whether a lag has fewer parameters than a law, or as many as one by which something follows late in
+    another way: play has a width, a coil an inductance."""
     few, many = len(lag.estimated), len(law.estimated)
-    return few < many or (few == many and law.is_of_signal and not law.is_dynamic)
+    return few < many or (few == many and not (law.is_of_signal and law.is_dynamic))
+
+
+def _is_at_limit(rich: Proof, plain: Proof) -> bool:
+    """Whether the shapes of a law are within a standard error of nothing, and another law without one, of the
+    same size, gains much of what it does: a spring whose loop closes within no length is dry friction, which
+    holds at rest better than one whose kink is rounded."""
+    shapes = [p for p in _told_of_effect(rich) if not _is_size(rich, p)]
+    if not shapes or len(_open_shapes(rich)) < len(shapes) or len(_told_of_effect(plain)) != 1:
+        return False
+    sizes = [p for p in _told_of_effect(rich) if _is_size(rich, p)]
+    (size,) = _told_of_effect(plain)
+    is_same = len(sizes) == 1 and sizes[0].unit == size.unit and _agree(sizes[0], size)
+    return is_same and plain.delta_log_likelihood > GATES.min_doubted_gain * rich.delta_log_likelihood
+
+
+def _is_idle(rich: Proof, best: Proof) -> bool:
+    """Whether a law has more parameters than the best one, of them shapes within a standard error of nothing,
+    and is no likelier: a soft coupling without damping is an inductance in front of it."""
+    is_richer = len(rich.candidate.estimated) > len(best.candidate.estimated)
+    more = rich.delta_log_likelihood - best.delta_log_likelihood
+    return is_richer and bool(_open_shapes(rich)) and more < GATES.same_bic / 2.0
+
+
+def _open_shapes(proof: Proof) -> list[FittedParameter]:
+    """The lengths and times of a law, which cannot be below zero, that are within a standard error of it."""
+    own = {
+        f"{proof.candidate.name}.{p.name}"
+        for p in proof.candidate.effect.parameters
+        if p.role == "shape" and p.min is not None and p.min >= 0.0
+    }
+    return [p for p in _told_of_effect(proof) if p.name in own and p.std_error and p.value <= p.std_error]
+
+
+def _is_size(proof: Proof, parameter: FittedParameter) -> bool:
+    """Whether a parameter of a law is one of its sizes."""
+    sizes = {f"{proof.candidate.name}.{p.name}" for p in proof.candidate.effect.sizes}
+    return parameter.name in sizes
 
 
 def _without_hopeless(proofs: Sequence[Proof]) -> list[Proof]:

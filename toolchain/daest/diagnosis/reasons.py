@@ -12,6 +12,7 @@ from daest.diagnosis.certainty import KnownProduct, bends, certainty_of, known_p
 from daest.diagnosis.free_forms import covers
 from daest.diagnosis.free_starts import free_runs
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.late_signals import LAG
 from daest.diagnosis.null import Null, grown
 from daest.diagnosis.open_loop import driven_share, largest_values, values_along
 from daest.diagnosis.screen import NullObserver, law_response, run_null
@@ -27,6 +28,7 @@ from daest.model.fit import FitResult, FittedParameter
 from daest.modelica.balances import needs_position
 from daest.modelica.clock import clock_unit
 from daest.quantities import spoken_duration
+from daest.systems.linearize import has_affine_dynamics
 
 ABSOLUTE_VALUE = "Daest.Effects.Signals.AbsoluteValueSensor"
 GAIN = "Daest.Effects.Signals.Gain"
@@ -344,8 +346,10 @@ def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
 def same_in_machine(model: Null, candidate: Candidate, told: FitResult) -> str:
     """What a law that bends a sensor may be as well where every reading tells one value and no other output
     tells the same signal: in terms of the readings the equations are those of a machine whose gains and
-    losses bend along. A sensor that cuts is one, too, where its readings move on beyond the limit. Empty
-    where it is none such."""
+    losses bend along. A sensor that cuts is one, too, where its readings move on beyond the limit. A lag of
+    the only sensor is one more store, as long as no input moves. Empty where it is none such."""
+    if candidate.site.kind == "output" and _is_one_more_store(model, candidate):
+        return f"a further store in the machine before {candidate.site.name}"
     bend = _bend(model, candidate, told) if candidate.site.kind == "output" else None
     if bend is None or bend.rest < GATES.absorbed_share * bend.size:
         return ""
@@ -355,6 +359,17 @@ def same_in_machine(model: Null, candidate: Candidate, told: FitResult) -> str:
     if _tells_otherwise(grown(model, model.flat, model.explicit, told, model.experiments), candidate, bend):
         return ""
     return f"a machine that bends alike before {candidate.site.name}"
+
+
+def _is_one_more_store(model: Null, candidate: Candidate) -> bool:
+    """Whether a lag of the only sensor stands for any store more: where nothing drives a machine with affine
+    dynamics, all that its sensor shows are decays from unknown starts, one for each store, and a store beside
+    one of the machine gives another decay as well as one behind it does."""
+    if candidate.effect.class_name != LAG or len(model.flat.outputs) > 1:
+        return False
+    if not all(is_constant(u) for e in model.experiments for u in e.inputs.T):
+        return False
+    return has_affine_dynamics(model.explicit)
 
 
 def _limits(u: np.ndarray, shown: np.ndarray) -> tuple[float, float]:

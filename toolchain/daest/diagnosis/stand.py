@@ -400,12 +400,19 @@ def _divided_otherwise(experiments: Sequence[Experiment], validation: Sequence[E
         if rest is None or rest.time[0] <= e.time[-1]:
             return ""
         times.append(np.concatenate([e.time, rest.time]))
+    share = least_share(times)
+    whole = sum(t.size for t in times)
+    return "" if share is None else f", or let more of the {whole} that there are estimate: --split {share:g}"
+
+
+def least_share(times: Sequence[np.ndarray]) -> float | None:
+    """The least share of the time of recordings, from a half on, that is enough to diagnose from, their
+    samples being at `times` (n,); None where too little would be kept for validation."""
     for percent in range(50, int(100.0 * (1.0 - GATES.least_kept_back)) + 1):
         edges = [t[0] + percent / 100.0 * (t[-1] - t[0]) for t in times]
         if sum(int(np.sum(t <= edge)) for t, edge in zip(times, edges, strict=True)) >= GATES.min_samples:
-            whole = sum(t.size for t in times)
-            return f", or let more of the {whole} that there are estimate: --split {percent / 100.0:g}"
-    return ""
+            return percent / 100.0
+    return None
 
 
 def _divided(

@@ -429,11 +429,13 @@ def _left_alone(n: int, horizon: int) -> np.ndarray:
 
 def _in_stretches(errors: np.ndarray, horizon: int) -> np.ndarray:
     """The errors (n, n_y) of the samples left alone as (n_stretches, length, n_y), without the first stretch,
-    in which the observer settles."""
-    n, round_length = len(errors), (TAKES_UP if horizon > 1 else 0) + horizon
-    is_left = _left_alone(n, horizon)
+    in which the observer settles. A recording that is shorter than a stretch is one, filled up with NaN."""
+    round_length = (TAKES_UP if horizon > 1 else 0) + horizon
     if horizon == 1:  # in batches, so that a stretch is a stretch
         round_length = TAKES_UP
+    missing = max(round_length - len(errors), 0)
+    errors = np.pad(errors, ((0, missing), (0, 0)), constant_values=np.nan)
+    n, is_left = len(errors), _left_alone(len(errors), horizon)
     first = round_length if n > 4 * round_length else 0
     starts = range(first, n - round_length + 1, round_length)
     parts = [errors[a : a + round_length][is_left[a : a + round_length]] for a in starts]

@@ -39,6 +39,11 @@ WIDER_BAND = (
     "Excite the machine over a wider band of frequencies, and measure another quantity between input and "
     "output."
 )
+OTHER_AMPLITUDES = "Excite the inputs at other amplitudes and speeds, where these laws differ."
+FROM_ELSEWHERE = {  # what to do instead where the model has no input
+    WIDER_BAND: "Begin from other states, and measure another quantity besides: no input drives the model.",
+    OTHER_AMPLITUDES: "Begin from other states, closer to rest and further from it, where these laws differ.",
+}
 MOVING = (
     "Validate with data in which the machine moves: another share of the recording (--split), a part of it "
     "(--from, --to), or another recording."
@@ -426,7 +431,8 @@ def _comes_near(evidence: Evidence, near: Proof) -> Decided:
 
 
 def _any_dynamics(evidence: Evidence, short: Sequence[Proof]) -> Decided:
-    """Lags or delays that do away with what is missing, and are too short to be told from one another."""
+    """Lags, delays and other stores that do away with what is missing, and are too short to be told from one
+    another."""
     best = short[0]
     labels = _listed(tuple(p.candidate.label for p in short))
     would = f"{labels if len(short) == 1 else f'any of {labels}'} would do ({told_values(best)})"
@@ -626,7 +632,7 @@ def _cannot_tell(evidence: Evidence, accepted: Sequence[Proof]) -> Decided:
         "Run the machine slowly and at several constant speeds, and with amplitudes from small to large: "
         "friction, elasticity and play differ there most."
         if len(differ) == 1 and is_mechanical
-        else "Excite the inputs at other amplitudes and speeds, where these laws differ."
+        else OTHER_AMPLITUDES
         if len(differ) == 1 or evidence.is_closed
         else _to_tell_places(accepted)
     )
