@@ -1,6 +1,7 @@
 """Files in any order, and what a command line says of parameters."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -121,17 +122,24 @@ end Store;
 """
 
 
-@pytest.mark.parametrize(("time", "warns"), [("time", False), ("time [h]", True)])
-def test_commands_that_fit_and_compare_tell_a_clock_that_is_not_that_of_the_model(
-    tmp_path, monkeypatch, daest, time, warns
+@pytest.mark.parametrize(
+    ("time", "step"), [("time", 0.1), ("time [h]", 0.1), ("time [min]", 6), ("time_s", 360)]
+)
+def test_a_time_of_any_unit_is_read_in_that_of_a_model_that_counts_hours(
+    tmp_path, monkeypatch, daest, time, step
 ):
     monkeypatch.chdir(tmp_path)
     Path("Store.mo").write_text(HOURS)
-    rows = (f"{k / 10},{k % 7},{k % 5}" for k in range(60))
-    Path("run.csv").write_text("\n".join((f"{time},P [kW],T [K]", *rows)) + "\n")
-    for command in (("compare",), ("identify", "--estimate", "C")):
-        _, _, err = daest(*command, "Store.mo", "run.csv")
-        assert ("check-model-clock" in err) == warns, err
-    Path("again.csv").write_text(Path("run.csv").read_text())
-    _, _, err = daest("identify", "--estimate", "C", "--model", "Store.mo", "run.csv", "again.csv")
-    assert err.count("check-model-clock") == warns and ("run, again: time" in err) == warns, err
+    levels, T = [], 0.0
+    for k in range(60):
+        P = float(k % 7 > 3)
+        levels.append(f"{k * step:.6g},{P},{T:.9g}")
+        T = P + (T - P) * math.exp(-0.1 / 3.0)
+    Path("run.csv").write_text("\n".join((f"{time},P [kW],T [K]", *levels)) + "\n")
+    code, out, err = daest("identify", "--estimate", "C", "--hold", "zoh", "Store.mo", "run.csv")
+    assert code == 0, err
+    value = next(line.split()[1] for line in out.splitlines() if line.startswith("C "))
+    assert float(value) == pytest.approx(3.0, rel=1e-3)
+    assert ("is read in h, in which" in err) == (time != "time"), err
+    code, out, err = daest("simulate", "Store.mo", "run.csv", "-o", "out.csv")
+    assert code == 0 and Path("out.csv").read_text().startswith("time [h],"), err

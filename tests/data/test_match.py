@@ -91,8 +91,11 @@ def test_whole_numbers_without_a_unit_are_doubted():
     assert not unit_findings(clock("t_ms", [0, 5, 10]))
 
 
-def test_a_time_that_is_read_in_seconds_is_warned_of_where_the_model_counts_hours():
-    assert [f.code for f in clock_findings(table("time [h]", "x"), "h")] == ["check-model-clock"]
+def test_a_time_that_tells_its_unit_is_noted_where_the_model_counts_hours():
+    found = clock_findings(table("time [min]", "x"), "h")
+    assert [(f.code, f.level) for f in found] == [("check-model-clock", "note")] and "read in h," in found[
+        0
+    ].text
     assert not clock_findings(table("time", "x"), "h") and not clock_findings(table("time [h]", "x"), "s")
 
 

@@ -53,7 +53,7 @@ from daest.diagnosis.trials import (
 )
 from daest.model.diagnosis import Ahead, Candidate, Confirmed, FreeForm, InUse, Screen, Screened
 from daest.model.experiment import Experiment
-from daest.model.fit import Choice, error_ratios
+from daest.model.fit import Agreement, Choice, error_ratios
 from daest.modelica.attach import attach
 from daest.modelica.compile import compile_text
 from daest.modelica.effects import find_effect
@@ -834,6 +834,27 @@ def test_another_law_that_foresees_unseen_data_as_well_is_a_rival_until_it_is_fa
         delta_bic=proof.delta_bic - 2.0 * behind,
     )
     assert ranked([other, proof])[0].verdict == ("not separable" if is_rival else "supported")
+
+
+@pytest.mark.parametrize(("errors", "is_rival"), [((0.73, 1.13), True), ((0.95, 1.13), False)])
+def test_another_law_that_foresees_unseen_data_better_in_the_mean_over_the_outputs_is_a_rival(
+    errors, is_rival
+):
+    """Though it foresees one of them worse, and is less likely by what is no very strong evidence."""
+    _, proof = proved()
+
+    def with_errors(law, *rms):
+        seen = {"validation": Agreement({}, dict(zip(("x", "y"), rms, strict=True)))}
+        return replace(law, adds_up=True, ahead=(), final=replace(law.told, simulated=seen))
+
+    other = replace(
+        proof,
+        candidate=replace(proof.candidate, effect=replace(proof.candidate.effect, class_name="Other")),
+        delta_log_likelihood=proof.delta_log_likelihood - 4.5,
+        delta_bic=proof.delta_bic - 9.0,
+    )
+    found = ranked([with_errors(other, *errors), with_errors(proof, 1.0, 1.0)])
+    assert found[0].verdict == ("not separable" if is_rival else "supported")
 
 
 @pytest.mark.parametrize(

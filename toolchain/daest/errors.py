@@ -194,9 +194,9 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "check-model-clock": (
         "Units of parameters tell that the equations count time in hours, as in `C*der(T) = Q` with "
-        "C in kW.h/K and Q in kW, or where all rates are in 1/h. Recordings are read in seconds where they "
-        "tell the unit of their time, so that every rate would come out wrong by 3600. Give the time as a "
-        "number of hours in a column `time` without a unit, or write the model in seconds, with C in J/K."
+        "C in kW.h/K and Q in kW, or where all rates are in 1/h. A column of the time that tells its unit, "
+        "as `time [min]` does, or that holds dates, is read in hours then, and so are --from, --to and "
+        "--resample. One without a unit counts hours as it stands."
     ),
     "check-outliers": (
         "Single samples, or bursts of a few, lie far from their neighbours, farther than noise does. Least "

@@ -11,7 +11,7 @@ import numpy as np
 from daest.app.actions import CHECK
 from daest.app.state import Desk, read_json
 from daest.data.project import Project
-from daest.data.read import find_time, read_table, with_units
+from daest.data.read import counted_in, find_time, read_table, with_units
 from daest.data.table import in_seconds
 from daest.errors import DaestError
 from daest.report.page.plots import (
@@ -70,7 +70,8 @@ def recording_pictures(desk: Desk) -> list[dict[str, Any]]:
 
 def _recording(number: int, recording: Mapping[str, Any], path: Path, project: Project) -> Plot | None:
     """Of the columns that are signals of the model, or of all of them where none is."""
-    table = with_units(read_table(path), project.units)
+    as_told = with_units(read_table(path), project.units)
+    table = counted_in(recording.get("clock", "s"), as_told, project.time)
     time = in_seconds(find_time(table, project.time))
     told = [column for column in recording["columns"] if column["role"]] or recording["columns"]
     columns = []

@@ -79,24 +79,23 @@ def _tell_walls() -> None:
 def checked(path: Path, project: Project, flat: Model | None, window: Preparation | None = None) -> DataCheck:
     """The check of one file, or of its part in the `window`, against the model if there is one. Raises
     DataError where it cannot be read."""
-    from daest.cli.recordings import signals
+    from daest.cli.recordings import model_clock, signals
     from daest.data.check import check_table
     from daest.data.match import clock_findings, unitless_findings
-    from daest.data.read import read_table, with_units, within
-    from daest.model.flat import FlatModel
-    from daest.modelica.clock import clock_unit
+    from daest.data.read import counted_in, read_table, with_units, within
 
     window = window or project.preparation
-    table = within(with_units(read_table(path), project.units), window.start, window.stop, project.time)
+    clock = "s" if flat is None else model_clock(flat)
+    as_told = with_units(read_table(path), project.units)
+    table = within(counted_in(clock, as_told, project.time), window.start, window.stop, project.time)
     if flat is None:
         return check_table(table, {}, project.time)
     inputs, outputs = signals(flat, project)
     roles: dict[str, Role] = dict.fromkeys((signal.header for signal in inputs), "input")
     roles.update(dict.fromkeys((signal.header for signal in outputs), "output"))
-    check = check_table(table, roles, project.time)
+    check = check_table(table, roles, project.time, clock)
     doubts = unitless_findings(table, [*inputs, *outputs])
-    if isinstance(flat, FlatModel):
-        doubts += clock_findings(table, clock_unit(flat), project.time)
+    doubts += clock_findings(as_told, clock, project.time)
     findings = (*_against(path, project, flat, window), *doubts, *check.findings)
     return replace(check, findings=findings)
 

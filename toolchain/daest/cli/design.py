@@ -258,6 +258,7 @@ def _recordings(
 def _limits(flat: Model, recordings: Sequence[Experiment], wish: Wish, hold: Hold) -> Limits:
     """Limits of the command line, and of the recordings where it gives none. Raises ConfigError
     `design-limits-unknown` or `option-assignment`."""
+    from daest.cli.recordings import model_clock
     from daest.model.design import Limits, Range
 
     given = dict(_range(text) for text in wish.limits)
@@ -285,7 +286,7 @@ def _limits(flat: Model, recordings: Sequence[Experiment], wish: Wish, hold: Hol
     band = 0.0, float("inf")
     if wish.band is not None:
         band = _two_numbers(wish.band, f"--band {wish.band}", "--band 0,10")
-    return Limits(tuple(inputs), float(length), float(period), safe, band, hold)
+    return Limits(tuple(inputs), float(length), float(period), safe, band, hold, model_clock(flat))
 
 
 def _shown(name: str, recordings: Sequence[Experiment]) -> tuple[float, float, float]:

@@ -238,7 +238,7 @@ def _recorded(task: Task, files: Iterable[tuple[str, Path]]) -> Iterator[Recorde
     from daest.modelica.change import with_outputs
 
     project = task.project
-    words = {**words_of(project), "others": True}
+    words = {**words_of(project, task.flat), "others": True}
     for name, path in files:
         try:
             preparation = task.data_options.preparation(project)

@@ -240,7 +240,7 @@ def open_stream(
     Raises ConfigError `stream-option`, DataError of the header, `stream-empty`, and what `online_filter`
     raises."""
     from daest.cli.models import with_settings
-    from daest.cli.recordings import signals
+    from daest.cli.recordings import signals, words_of
     from daest.data.stream import line_format
     from daest.estimation.online_filter import online_filter
     from daest.model.estimates import FilterOptions
@@ -255,7 +255,7 @@ def open_stream(
     if not number:
         raise _empty(source, "no line came")
     names = signals(flat, project)
-    form = line_format(header, source, *names, project.time, project.units, number)
+    form = line_format(header, source, *names, **words_of(project, flat), number=number)
     for name in measure:
         if name not in form.output_names:
             raise EstimationError(

@@ -87,7 +87,7 @@ def driving_data(
         preparation,
         outputs_required=False,
         others=False,
-        **words_of(project),
+        **words_of(project, flat),
     )
 
 
@@ -107,11 +107,11 @@ def _read(
     """The recordings, looked at as they are, then prepared; remarks and warnings go to stderr."""
     raw = replace(preparation, period=None, detrend="none")
     experiments = []
-    read = read_experiments(paths, *signals(flat, project), raw, others=others, **words_of(project))
+    read = read_experiments(paths, *signals(flat, project), raw, others=others, **words_of(project, flat))
     measured = measured_names(read)  # what no recording holds is told once, for all of them
-    _warn_of_clock(flat, project, paths)
+    _tell_clock(flat, project, paths)
     for experiment in read:
-        for finding in check_experiment(select_outputs(experiment, measured)).warnings:
+        for finding in check_experiment(select_outputs(experiment, measured), model_clock(flat)).warnings:
             warn(finding.code, f"{experiment.name}: {finding.sentence}")
         prepared = prepare(experiment, preparation)
         for remark in prepared.notes:
@@ -120,18 +120,23 @@ def _read(
     return experiments
 
 
-def _warn_of_clock(flat: Model, project: Project, paths: Sequence[Path]) -> None:
-    """Where recordings are read in seconds and the model counts in hours, a law is named for the rates that
-    are wrong by 3600. The columns are read again for that, of models that count in hours alone. What holds of
-    several recordings is told once."""
-    clock = clock_unit(flat) if isinstance(flat, FlatModel) else "s"
+def _tell_clock(flat: Model, project: Project, paths: Sequence[Path]) -> None:
+    """Where the model counts in hours and recordings tell the unit of their time: that they are read in
+    hours. The columns are read again for that, of such models alone. What holds of several recordings is
+    told once."""
+    clock = model_clock(flat)
     told: dict[tuple[str, str], list[str]] = {}
     for path in paths if clock != "s" else ():
         table = with_units(read_table(path), project.units)
         for finding in clock_findings(table, clock, project.time):
             told.setdefault((finding.code, finding.sentence), []).append(path.stem)
-    for (code, sentence), names in told.items():
-        warn(code, f"{', '.join(names)}: {sentence}")
+    for (_, sentence), names in told.items():
+        note(f"{', '.join(names)}: {sentence}")
+
+
+def model_clock(flat: Model) -> str:
+    """The unit of the time of a model; seconds where it has no equations."""
+    return clock_unit(flat) if isinstance(flat, FlatModel) else "s"
 
 
 def measured_recordings(
@@ -140,14 +145,14 @@ def measured_recordings(
     """The recordings as they are in the `window`, and the model with its measured outputs alone. Says
     nothing."""
     only = Preparation(start=window.start, stop=window.stop)
-    experiments = read_experiments(paths, *signals(flat, project), only, **words_of(project))
+    experiments = read_experiments(paths, *signals(flat, project), only, **words_of(project, flat))
     names = measured_names(experiments)
     return with_outputs(flat, names), [select_outputs(experiment, names) for experiment in experiments]
 
 
-def words_of(project: Project) -> dict[str, Any]:
-    """What daest.toml says about the columns of every file."""
-    return {"time": project.time, "units": project.units}
+def words_of(project: Project, flat: Model) -> dict[str, Any]:
+    """What daest.toml says about the columns of every file, and the unit of the time of the model."""
+    return {"time": project.time, "units": project.units, "clock": model_clock(flat)}
 
 
 def signals(flat: Model, project: Project) -> tuple[list[Signal], list[Signal]]:

@@ -60,7 +60,7 @@ def command(
     Parameters are those of results/fit.json if it is a fit of this model, else those of the model.
     """
     from daest.cli.models import model_source, with_settings
-    from daest.cli.recordings import driving_data
+    from daest.cli.recordings import driving_data, model_clock
     from daest.cli.results import find_fit, fitted
     from daest.report.result_figures import simulation_figure
     from daest.systems.simulate import simulate
@@ -80,11 +80,16 @@ def command(
     with progress() as tell:
         result = simulate(flat, recording, hold=chosen, noise=noise, seed=seed if noise else None, tell=tell)
     draw(plot, lambda: simulation_figure(result, recording))
-    _write(result, form, output, all_variables, () if fit is None else fit.remarks)
+    _write(result, form, output, all_variables, model_clock(flat), () if fit is None else fit.remarks)
 
 
 def _write(
-    result: Simulation, form: str, output: Path | None, all_variables: bool, remarks: Sequence[str]
+    result: Simulation,
+    form: str,
+    output: Path | None,
+    all_variables: bool,
+    clock: str,
+    remarks: Sequence[str],
 ) -> None:
     from daest.report.arrays import csv_text
     from daest.report.documents import simulate as documents
@@ -97,7 +102,7 @@ def _write(
         document = {**documents.document(result), "notes": list(remarks)}
         emit(document, "simulate", form, output, lambda *_args, **_options: "")
     else:
-        write_text(csv_text(*documents.table(result, all_variables)), output)
+        write_text(csv_text(*documents.table(result, all_variables, clock)), output)
 
 
 def _what_is_missing(result: Simulation, all_variables: bool) -> list[str]:

@@ -155,7 +155,7 @@ def _watch(stream: Stream, options: WatchOptions, seed: int) -> Watch:
     if options.reference is not None:
         project = stream.project
         names_of = signals(stream.flat, project)
-        experiment = read_experiments([options.reference], *names_of, **words_of(project))[0]
+        experiment = read_experiments([options.reference], *names_of, **words_of(project, stream.flat))[0]
         recorded = select_outputs(experiment, names)
         usual = usual_of(np.array([e.whitened for e in stream.estimates_of(recorded)]))
     # The samples after an alarm that raise no other one are a part of what is promised.

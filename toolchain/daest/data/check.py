@@ -25,7 +25,9 @@ class _Column:
     values: np.ndarray
 
 
-def check_table(table: Table, roles: Mapping[str, Role] | None = None, time: str | None = None) -> DataCheck:
+def check_table(
+    table: Table, roles: Mapping[str, Role] | None = None, time: str | None = None, clock: str = "s"
+) -> DataCheck:
     """All columns of numbers in a file. `roles` says which columns (by name) are an input or an output of a
     model; `time` names the column of the time. Raises DataError where there is no time."""
     time_column = find_time(table, time)
@@ -41,11 +43,11 @@ def check_table(table: Table, roles: Mapping[str, Role] | None = None, time: str
         for c in table.columns
         if c.texts and c.name != time_column.name and (len(c.texts) < c.values.size or c.name in roles)
     ]
-    return _checked(Path(table.file).stem, seconds, columns, [*unit_findings(time_column), *texts])
+    return _checked(Path(table.file).stem, seconds, columns, [*unit_findings(time_column), *texts], clock)
 
 
-def check_experiment(experiment: Experiment) -> DataCheck:
-    """The inputs and outputs of a recording.
+def check_experiment(experiment: Experiment, clock: str = "s") -> DataCheck:
+    """The inputs and outputs of a recording, whose time is in `clock`.
 
     >>> daest.check_experiment(record).n_samples
     8000
@@ -54,25 +56,27 @@ def check_experiment(experiment: Experiment) -> DataCheck:
     outputs = zip(experiment.output_names, experiment.outputs.T, strict=True)
     columns = [_Column(name, None, "input", values) for name, values in inputs]
     columns += [_Column(name, None, "output", values) for name, values in outputs]
-    return _checked(experiment.name, experiment.time, columns, [])
+    return _checked(experiment.name, experiment.time, columns, [], clock)
 
 
-def _checked(name: str, time: np.ndarray, columns: Sequence[_Column], found: list[Finding]) -> DataCheck:
-    findings = [*clock_findings(time), *found, *_few(time)]
+def _checked(
+    name: str, time: np.ndarray, columns: Sequence[_Column], found: list[Finding], clock: str
+) -> DataCheck:
+    findings = [*clock_findings(time, clock), *found, *_few(time)]
     summaries, driven = [], _driven(columns)
     for column in columns:
         known = np.isfinite(column.values) & np.isfinite(time)
-        samples = Samples(column.name, column.role, time, column.values, driven).part(known)
+        samples = Samples(column.name, column.role, time, column.values, driven, clock).part(known)
         summaries.append(_summary(column, samples))
         if samples.values.size:
             findings += [*column_findings(samples, int((~known).sum())), *_turned(column)]
         else:
             findings.append(Finding("check-missing", "warning", column.name, "holds no value"))
-    findings += _pairs(time, columns)
+    findings += _pairs(time, columns, clock)
     known_time = time[np.isfinite(time)]
     start, stop = (float(known_time[0]), float(known_time[-1])) if known_time.size else (0.0, 0.0)
     ordered = tuple(sorted(findings, key=lambda finding: finding.level != "warning"))
-    return DataCheck(name, time.size, start, stop, _period(time), tuple(summaries), ordered)
+    return DataCheck(name, time.size, start, stop, _period(time), tuple(summaries), ordered, clock)
 
 
 def _few(time: np.ndarray) -> list[Finding]:
@@ -125,7 +129,7 @@ def _period(time: np.ndarray) -> float | None:
     return float(f"{step:.9g}") if float(np.max(np.abs(steps - step))) < DATA.grid * step else None
 
 
-def _pairs(time: np.ndarray, columns: Sequence[_Column]) -> list[Finding]:
+def _pairs(time: np.ndarray, columns: Sequence[_Column], clock: str) -> list[Finding]:
     steps = np.diff(time)
     if time.size < 2 or not np.all(steps > 0):
         return []
@@ -140,4 +144,4 @@ def _pairs(time: np.ndarray, columns: Sequence[_Column]) -> list[Finding]:
         for c in columns
         if np.all(np.isfinite(c.values)) and not np.any(absurd(c.values))
     ]
-    return pair_findings(series, period)
+    return pair_findings(series, period, clock)

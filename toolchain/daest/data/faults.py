@@ -28,14 +28,15 @@ SPAN = 4  # samples of a third difference
 
 @dataclass(frozen=True)
 class Samples:
-    """The finite values (n,) of a column at their times (s); `driven` (n,) says when an input of the model
-    was not zero, None where no input is known."""
+    """The finite values (n,) of a column at their times, in `clock`; `driven` (n,) says when an input of
+    the model was not zero, None where no input is known."""
 
     name: str
     role: Role | None
     time: np.ndarray
     values: np.ndarray
     driven: np.ndarray | None = None
+    clock: str = "s"
 
     def part(self, kept: np.ndarray) -> Samples:
         """Those that are `kept`, (n,) of bool."""
@@ -276,7 +277,8 @@ def _outliers(samples: Samples) -> list[Finding]:
     if not spikes.size or spikes.size > max(DATA.rare * values.size, 1):
         return []
     worst = spikes[np.argmax(np.abs(rest[spikes]))]
-    text = f"has {spikes.size} outlier(s), the largest {values[worst]:.6g} at {samples.time[worst]:.6g} s"
+    at = f"{samples.time[worst]:.6g} {samples.clock}"
+    text = f"has {spikes.size} outlier(s), the largest {values[worst]:.6g} at {at}"
     return [
         Finding("check-outliers", "warning", samples.name, text, float(samples.time[spikes[0]]), spikes.size)
     ]
@@ -369,8 +371,8 @@ def _coarse(samples: Samples) -> list[Finding]:
     return [Finding("check-quantised", level, samples.name, text, count=n_steps)]
 
 
-def clock_findings(time: np.ndarray) -> list[Finding]:
-    """What is wrong with the times (n_samples,) in s, NaN where a row has none."""
+def clock_findings(time: np.ndarray, clock: str = "s") -> list[Finding]:
+    """What is wrong with the times (n_samples,) in `clock`, NaN where a row has none."""
     known = time[np.isfinite(time)]
     found = _unreadable_times(time, known)
     steps = np.diff(known)
@@ -380,10 +382,10 @@ def clock_findings(time: np.ndarray) -> list[Finding]:
         return found
     step = float(np.median(steps[forward]))
     spread = unevenness(known)
-    found += _long_steps(known, steps, step, spread)
+    found += _long_steps(known, steps, step, spread, clock)
     if spread > DATA.uneven_clock:
         low, high = np.quantile(steps[forward], [0.01, 0.99])
-        text = f"ticks unevenly: steps of {low:.4g} s to {high:.4g} s, median {step:.4g} s"
+        text = f"ticks unevenly: steps of {low:.4g} {clock} to {high:.4g} {clock}, median {step:.4g} {clock}"
         found.append(Finding("check-clock-jitter", "note", None, text))
     else:
         found += _rate(known, steps)
@@ -422,11 +424,14 @@ def _order(time: np.ndarray, steps: np.ndarray) -> list[Finding]:
     return found
 
 
-def _long_steps(time: np.ndarray, steps: np.ndarray, step: float, spread: float) -> list[Finding]:
+def _long_steps(time: np.ndarray, steps: np.ndarray, step: float, spread: float, clock: str) -> list[Finding]:
     jumps = np.nonzero(steps > DATA.pause * step)[0]
     found = []
     if jumps.size:
-        text = f"jumps by {steps[jumps].max():.4g} s where a step is {step:.4g} s: a pause, or two recordings"
+        text = (
+            f"jumps by {steps[jumps].max():.4g} {clock} where a step is {step:.4g} {clock}: "
+            "a pause, or two recordings"
+        )
         found.append(
             Finding("check-clock-jump", "warning", None, text, float(time[jumps[0]]), int(jumps.size))
         )
@@ -438,7 +443,8 @@ def _long_steps(time: np.ndarray, steps: np.ndarray, step: float, spread: float)
     if gaps.size and spread < DATA.uneven_clock:
         lost = int(np.sum(whole[is_gap] - 1))
         text = (
-            f"leaves out about {lost} sample(s) in {gaps.size} gap(s), the longest {steps[gaps].max():.4g} s"
+            f"leaves out about {lost} sample(s) in {gaps.size} gap(s), "
+            f"the longest {steps[gaps].max():.4g} {clock}"
         )
         found.append(Finding("check-clock-gap", "warning", None, text, float(time[gaps[0]]), int(gaps.size)))
     return found
@@ -467,22 +473,22 @@ class Series:
     values: np.ndarray
 
 
-def pair_findings(series: Sequence[Series], period: float) -> list[Finding]:
-    """Lags and opposite signs between the columns, sampled every `period` s, and columns that are computed
-    from others."""
+def pair_findings(series: Sequence[Series], period: float, clock: str = "s") -> list[Finding]:
+    """Lags and opposite signs between the columns, sampled every `period` in `clock`, and columns that are
+    computed from others."""
     shown = [s for s in series if s.values.size <= LONGEST and np.ptp(s.values) > 0][:MOST_COLUMNS]
-    found = [finding for a, b in combinations(shown, 2) for finding in _computed(a, b, period)]
+    found = [finding for a, b in combinations(shown, 2) for finding in _computed(a, b, period, clock)]
     for a, b in combinations([s for s in shown if s.unit], 2):
         if converts(a.unit, b.unit):
-            found += _compared(a, b, _centred(a.values), _centred(b.values), "", period)
+            found += _compared(a, b, _centred(a.values), _centred(b.values), "", period, clock)
         elif converts(f"({a.unit})/s", b.unit):
-            found += _compared(a, b, *_with_integral(a, b), "the rate of ", period)
+            found += _compared(a, b, *_with_integral(a, b), "the rate of ", period, clock)
         elif converts(f"({b.unit})/s", a.unit):
-            found += _compared(b, a, *_with_integral(b, a), "the rate of ", period)
+            found += _compared(b, a, *_with_integral(b, a), "the rate of ", period, clock)
     return found
 
 
-def _computed(a: Series, b: Series, period: float) -> list[Finding]:
+def _computed(a: Series, b: Series, period: float, clock: str) -> list[Finding]:
     """A column that holds nothing new beside another one: the same values, scaled or late, or the difference
     quotients of them."""
     a, b = replace(a, values=a.values[:ENOUGH]), replace(b, values=b.values[:ENOUGH])
@@ -498,7 +504,7 @@ def _computed(a: Series, b: Series, period: float) -> list[Finding]:
     if n < DATA.paired_samples or _left(x[max(-lag, 0) :][:n], y[max(lag, 0) :][:n]) > DATA.computed:
         return []
     late, early = (b, a) if lag >= 0 else (a, b)
-    after = f", {abs(lag) * period:.4g} s late" if lag else ""
+    after = f", {abs(lag) * period:.4g} {clock} late" if lag else ""
     return [_nothing_new(late, f"is a copy of {early.name}{after}")]
 
 
@@ -533,7 +539,9 @@ def _with_integral(motion: Series, rate: Series) -> tuple[np.ndarray, np.ndarray
     return _detrended(motion.values), _detrended(integral)
 
 
-def _compared(a: Series, b: Series, x: np.ndarray, y: np.ndarray, how: str, period: float) -> list[Finding]:
+def _compared(
+    a: Series, b: Series, x: np.ndarray, y: np.ndarray, how: str, period: float, clock: str
+) -> list[Finding]:
     lags, correlation = _correlation(x, y)
     best = int(np.argmax(np.abs(correlation)))
     at_best, at_zero = float(correlation[best]), float(correlation[np.nonzero(lags == 0)[0][0]])
@@ -545,7 +553,8 @@ def _compared(a: Series, b: Series, x: np.ndarray, y: np.ndarray, how: str, peri
         found.append(Finding("check-polarity", "note", b.name, text))
     if lags[best] != 0 and 1 - at_best**2 < DATA.better_lag * (1 - at_zero**2):
         late, early = (b, a) if lags[best] > 0 else (a, b)
-        text = f"follows {early.name} by {abs(lags[best]) * period:.4g} s: the machine, or clocks that differ"
+        by = f"{abs(lags[best]) * period:.4g} {clock}"
+        text = f"follows {early.name} by {by}: the machine, or clocks that differ"
         found.append(Finding("check-lag", "note", late.name, text))
     return found
 

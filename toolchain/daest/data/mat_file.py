@@ -174,7 +174,7 @@ def _texts(matrix: Any, *, down: bool) -> list[str]:
 
 
 def _columns(names: list[str], descriptions: list[str], info: np.ndarray, data: np.ndarray) -> list[Column]:
-    columns = [Column("time", "s", data[0])]
+    columns = [Column("time", None, data[0])]  # in what the model counts
     for i, name in enumerate(names):
         matrix, row = info[0, i], info[1, i]
         if matrix != _CHANGING or name.lower() == "time" or abs(row) <= 1:

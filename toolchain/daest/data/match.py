@@ -196,16 +196,16 @@ def unitless_findings(table: Table, signals: Sequence[Signal]) -> list[Finding]:
 
 
 def clock_findings(table: Table, clock: str, name: str | None = None) -> list[Finding]:
-    """A warning where the column `name` of the time, or the only one, tells its unit, or holds dates: it is
-    read in seconds, and the equations count time in another unit, `clock`."""
+    """A note where the column `name` of the time, or the only one, tells its unit, or holds dates: it is read
+    in `clock`, another unit than seconds, in which the equations count time."""
     column = time_column(table, name)
     if column is None or clock == "s" or (told_unit(column) is None and not column.texts):
         return []
     text = (
-        f"is read in seconds, but the balances of the model count time in {clock}, as the units of its "
-        f"parameters tell: give the time as a number of {clock} without a unit, or write the model in seconds"
+        f"is read in {clock}, in which the balances of the model count time, as the units of its parameters "
+        "tell"
     )
-    return [Finding("check-model-clock", "warning", column.name, text)]
+    return [Finding("check-model-clock", "note", column.name, text)]
 
 
 def _words(name: str) -> set[str]:

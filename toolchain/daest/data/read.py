@@ -21,14 +21,16 @@ from daest.data.table import (
     in_seconds,
     is_frame,
     raise_collected,
+    time_column,
     time_unit,
+    told_unit,
     with_seconds,
 )
 from daest.errors import DataError, Place
 from daest.files import why_no_file
 from daest.model.experiment import Experiment
 from daest.near import nearest
-from daest.quantities import Conversion, conversion, may_count_turns
+from daest.quantities import Conversion, conversion, in_base_units, may_count_turns
 
 MOST_NAMED = 8  # recordings of a folder that a message lists
 
@@ -66,6 +68,7 @@ def read_experiments(
     time: str | None = None,
     units: Mapping[str, str] | None = None,
     others: bool = True,
+    clock: str = "s",
 ) -> list[Experiment]:
     """One experiment per file, with every signal of `inputs` and `outputs` in that order and in its unit.
 
@@ -74,6 +77,8 @@ def read_experiments(
     their position.
     `time` names the column of the time where it is not called so, `units` the units of columns whose header
     has none. Not `others`: columns that are no signal need not be read, and then are not in `extra`.
+    `clock` is the unit of the time of the experiments, and of the window of `preparation`: that in which the
+    model counts. A column of the time that does not tell its unit is taken as it stands.
 
     An output that a file has no column for is all NaN there, unless a column was named for it. Raises
     DataError with all problems of a file at once: missing columns, units that do not fit, texts, time that
@@ -85,12 +90,14 @@ def read_experiments(
         (8000, 0.01)
     """
     preparation = preparation or Preparation()
-    part = Part(None, preparation.start, preparation.stop, time, units or {})
+    # Readers cut in seconds.
+    cut = (preparation.start, preparation.stop) if clock == "s" else (None, None)
+    part = Part(None, *cut, time, units or {})
     if not others:
         part = replace(part, names=tuple(signal.header for signal in (*inputs, *outputs)))
     experiments = [
         _matched(
-            with_units(table, units or {}),
+            counted_in(clock, with_units(table, units or {}), time),
             inputs,
             outputs,
             preparation,
@@ -189,6 +196,21 @@ def with_units(table: Table, units: Mapping[str, str]) -> Table:
     return replace(table, columns=tuple(replace(c, unit=units.get(c.name, c.unit)) for c in table.columns))
 
 
+def counted_in(clock: str, table: Table, time: str | None = None) -> Table:
+    """The table with its column of the time in `clock`, the unit in which a model counts, where it tells its
+    unit or holds dates."""
+    column = time_column(table, time)
+    if clock == "s" or column is None or (told_unit(column) is None and not column.texts):
+        return table
+    dated = with_seconds(column)
+    if dated.texts:  # which are told where the time is read
+        return table
+    values = in_seconds(dated) / in_base_units(clock)
+    # In "s" numbers are read as they stand, whatever they count.
+    counted = replace(dated, values=values, unit="s")
+    return replace(table, columns=tuple(counted if c is column else c for c in table.columns))
+
+
 def _matched(
     table: Table,
     inputs: Sequence[Signal],
@@ -197,17 +219,17 @@ def _matched(
     outputs_required: bool,
     time: str | None,
 ) -> Experiment:
-    time_column = find_time(table, time)
-    problems = _time_problems(table, time_column)
+    time_in = find_time(table, time)
+    problems = _time_problems(table, time_in)
     matched: dict[str, Column] = {}
     match_all(table, inputs, outputs, matched, problems, outputs_required)
     raise_collected(problems, table.file)
-    return _experiment(table, time_column, matched, inputs, outputs, preparation)
+    return _experiment(table, time_in, matched, inputs, outputs, preparation)
 
 
 def _experiment(
     table: Table,
-    time_column: Column,
+    time_in: Column,
     matched: dict[str, Column],
     inputs: Sequence[Signal],
     outputs: Sequence[Signal],
@@ -215,7 +237,7 @@ def _experiment(
 ) -> Experiment:
     problems: list[DataError] = []
     notes: list[str] = []
-    time = in_seconds(time_column)
+    time = in_seconds(time_in)
     keep = _window(table, time, preparation)
     missing = np.full(time.shape, np.nan)
 
@@ -232,7 +254,7 @@ def _experiment(
     for i, signal in enumerate(outputs):
         _check_output(table, matched.get(signal.name), y[:, i], notes, problems)
     raise_collected(problems, table.file)
-    used = {column.position or column.name for column in (*matched.values(), time_column)}
+    used = {column.position or column.name for column in (*matched.values(), time_in)}
     extra = {
         column.name: column.values[keep]
         for column in table.columns

@@ -105,11 +105,12 @@ def line_format(
     time: str | None = None,
     units: Mapping[str, str] | None = None,
     number: int = 1,
+    clock: str = "s",
 ) -> LineFormat:
     """The format that the first line of a stream tells: a CSV header, or the keys of a JSON object.
 
-    `time` and `units` as in `read_experiments`. Only the outputs that the line names are read. Raises
-    DataError with all problems at once: no time, missing inputs, units that do not fit, no output.
+    `time`, `units` and `clock` as in `read_experiments`. Only the outputs that the line names are read.
+    Raises DataError with all problems at once: no time, missing inputs, units that do not fit, no output.
     """
     is_json = line.lstrip().startswith("{")
     separator = None if is_json else max(SEPARATORS, key=line.count)
@@ -134,8 +135,10 @@ def line_format(
     def cells(signals: Sequence[Signal]) -> tuple[_Cell, ...]:
         return tuple(_cell(matched[s.name], s, keys) for s in signals if s.name in matched)
 
-    seconds = _cell(at, Signal("the time", "s"), keys, time_unit(at) or told_unit(at) or "s")
-    return LineFormat(source, separator, seconds, cells(inputs), cells(outputs), len(names))
+    unit = time_unit(at) or told_unit(at) or "s"
+    own = clock if told_unit(at) is not None else "s"
+    counted = _cell(at, Signal("the time", own), keys, unit)
+    return LineFormat(source, separator, counted, cells(inputs), cells(outputs), len(names))
 
 
 def _cell(column: Column, signal: Signal, keys: Mapping[int, Any], unit: str | None = None) -> _Cell:

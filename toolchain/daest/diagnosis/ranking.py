@@ -487,12 +487,24 @@ def _is_contradicted(best: Proof, one: Proof) -> bool:
 
 
 def _is_as_good(best: Proof, one: Proof) -> bool:
-    """Whether another law with as many parameters foresees unseen data as well, and is not very much less
-    likely: the drift of a sensor and a constant load on a body that turns freely."""
+    """Whether another law with as many parameters foresees unseen data as well, in every output or in the
+    mean over them, and is not very much less likely: the drift of a sensor and a constant load on a body
+    that turns freely."""
     is_other = best.candidate.effect.class_name != one.candidate.effect.class_name
     if not is_other or len(_own_sizes(best)) != len(_own_sizes(one)):
         return False
-    return abs(_bic(best) - _bic(one)) <= GATES.min_bic_gain and _is_foreseen_alike(best, one)
+    is_near = abs(_bic(best) - _bic(one)) <= GATES.min_bic_gain
+    return is_near and (_is_foreseen_alike(best, one) or _foresees_more(best, one))
+
+
+def _foresees_more(best: Proof, one: Proof) -> bool:
+    """Whether the simulation of unseen data is no worse with another law in the mean of the logarithms over
+    the outputs: they would make that the likelier one. One that adds up counts where nothing else is
+    known."""
+    ratios = error_ratios(best.told.simulated, one.told.simulated)
+    is_known = bool(ratios) and bool(np.all(np.isfinite(ratios))) and min(ratios) > 0.0
+    is_told = is_known and not (one.adds_up and ahead_of(best.ahead, one.ahead))
+    return is_told and float(np.mean(np.log(ratios))) <= 0.0
 
 
 def _is_foreseen_alike(best: Proof, one: Proof) -> bool:

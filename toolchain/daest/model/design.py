@@ -58,6 +58,7 @@ class Limits:
     safe: tuple[Range, ...] = ()
     band: tuple[float, float] = (0.0, np.inf)
     hold: Hold = "foh"
+    clock: str = "s"  # unit of the length and the period
 
     def __post_init__(self) -> None:
         _require_inputs(self.inputs)

@@ -205,7 +205,8 @@ class ColumnSummary:
 
 @dataclass(frozen=True)
 class DataCheck(Framed):
-    """A recording, its clock (period in s, None where uneven) and what was found."""
+    """A recording, its times (`start`, `stop` and `period`, None where uneven, in `clock`) and what was
+    found."""
 
     name: str
     n_samples: int
@@ -214,12 +215,13 @@ class DataCheck(Framed):
     period: float | None
     columns: tuple[ColumnSummary, ...]
     findings: tuple[Finding, ...]
+    clock: str = "s"
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
         return tuple(finding for finding in self.findings if finding.level == "warning")
 
     def tables(self) -> tuple[Listing, ...]:
-        title = f"{self.name}: {self.n_samples} samples, {self.start:.6g} s to {self.stop:.6g} s"
+        title = f"{self.name}: {self.n_samples} samples, {self.start:.6g} to {self.stop:.6g} {self.clock}"
         rows = tuple((f.code, f.level, f.column, f.sentence, f.at, f.count) for f in self.findings)
         return (Listing(title, ("code", "level", "column", "text", "time", "count"), rows),)

@@ -34,7 +34,8 @@ class RecordingEntry(TypedDict):
     n_samples: int
     start: float
     stop: float
-    period: Annotated[float | None, "s; null where the times are uneven"]
+    period: Annotated[float | None, "null where the times are uneven"]
+    clock: Annotated[str, "unit of the times"]
     columns: list[ColumnEntry]
     findings: list[FindingEntry]
 

@@ -107,7 +107,8 @@ def _safe(one: Safety) -> SafeEntry:
 
 def header(found: Design) -> list[str]:
     """Columns of the file to be played."""
-    return ["time [s]", *(f"{r.name} [{r.unit}]" if r.unit else r.name for r in found.limits.inputs)]
+    named = (f"{r.name} [{r.unit}]" if r.unit else r.name for r in found.limits.inputs)
+    return [f"time [{found.limits.clock}]", *named]
 
 
 def table(found: Design) -> tuple[list[str], np.ndarray]:

@@ -17,9 +17,10 @@ class RecordedFinding(FindingEntry):
 class Clock(TypedDict):
     name: str
     n_samples: int
-    start: Annotated[float, "s"]
-    stop: Annotated[float, "s"]
-    period: Annotated[float | None, "s; null where the clock is uneven"]
+    start: float
+    stop: float
+    period: Annotated[float | None, "null where the clock is uneven"]
+    clock: Annotated[str, "unit of the times"]
 
 
 class InitDocument(TypedDict):

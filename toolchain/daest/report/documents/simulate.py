@@ -37,15 +37,17 @@ def document(simulation: Simulation) -> SimulateDocument:
     return entry(SimulateDocument, simulation, trajectories={name: simulation[name] for name in names})
 
 
-def table(simulation: Simulation, all_variables: bool = False) -> tuple[list[str], np.ndarray]:
-    """Header `name [unit]` and rows (n_samples, n_columns): time, inputs, outputs; on request every internal
-    variable, and the noises of a noisy run. A name is listed once."""
+def table(
+    simulation: Simulation, all_variables: bool = False, clock: str = "s"
+) -> tuple[list[str], np.ndarray]:
+    """Header `name [unit]` and rows (n_samples, n_columns): time in `clock`, inputs, outputs; on
+    request every internal variable, and the noises of a noisy run. A name is listed once."""
     names = [*simulation.input_names, *simulation.output_names]
     if all_variables:
         names += [*simulation.variable_names, *simulation.state_names]
         names += simulation.noise_names if simulation.with_noise else ()
     names = list(dict.fromkeys(names))
-    header = ["time [s]", *(_titled(name, simulation.units.get(name, "")) for name in names)]
+    header = [f"time [{clock}]", *(_titled(name, simulation.units.get(name, "")) for name in names)]
     return header, np.column_stack([simulation.time, *(simulation[name] for name in names)])
 
 

@@ -20,17 +20,16 @@ def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
         if not recording["findings"]:
             yield indented("nothing found")
         for finding in recording["findings"]:
-            at = "" if finding["time"] is None else f" (from {finding['time']:.6g} s)"
+            at = "" if finding["time"] is None else f" (from {finding['time']:.6g} {recording['clock']})"
             yield indented(f"{finding['level']}[{finding['code']}]: {finding['text']}{at}")
 
 
 def clock_words(recording: Mapping[str, Any]) -> str:
     """How many samples at which times, `8000 samples every 0.005 s, 0 s to 39.995 s`."""
     period = recording["period"]
-    every = "at uneven times" if period is None else f"every {period:.6g} s"
-    return (
-        f"{recording['n_samples']} samples {every}, {recording['start']:.6g} s to {recording['stop']:.6g} s"
-    )
+    clock, start, stop = recording["clock"], recording["start"], recording["stop"]
+    every = "at uneven times" if period is None else f"every {period:.6g} {clock}"
+    return f"{recording['n_samples']} samples {every}, {start:.6g} {clock} to {stop:.6g} {clock}"
 
 
 def _columns(columns: Sequence[Mapping[str, Any]]) -> RenderableType:
