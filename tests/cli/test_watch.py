@@ -13,6 +13,7 @@ from jsonschema import Draft202012Validator
 from test_follow import NOISY
 
 from daest.cli.schema import schema_of
+from daest.errors import EstimationError
 from daest.estimation import change
 
 STEP = 0.05
@@ -80,12 +81,16 @@ def test_reference_tells_what_is_usual(watch, folder):
     assert code == 0 and events[-1]["n_alarms"] == 0
 
 
-def test_a_diagnosis_that_cannot_be_made_is_told(watch):
+def test_a_diagnosis_that_cannot_be_made_is_told(watch, monkeypatch):
+    def refused(*_):
+        raise EstimationError("diagnose-unseen", "nothing moves")
+
+    monkeypatch.setattr("daest.diagnosis.changed.diagnose_change", refused)
     code, events, text = watch(simulated(1200, 500), "--diagnose", "--window", "200")
     assert code == 0, text
     found = next(event for event in events if event["event"] == "diagnosis")
-    assert found["verdict"] == "cannot tell" and found["effect"] is None and found["message"]
-    code, events, _ = watch(simulated(540, 500), "--diagnose")
+    assert found["verdict"] == "cannot tell" and found["effect"] is None and found["message"] == "nothing moves"
+    code, events, _ = watch(simulated(600, 500), "--diagnose")
     assert "too few" in next(event["message"] for event in events if event["event"] == "diagnosis")
 
 
