@@ -89,7 +89,9 @@ def test_a_diagnosis_that_cannot_be_made_is_told(watch, monkeypatch):
     code, events, text = watch(simulated(1200, 500), "--diagnose", "--window", "200")
     assert code == 0, text
     found = next(event for event in events if event["event"] == "diagnosis")
-    assert found["verdict"] == "cannot tell" and found["effect"] is None and found["message"] == "nothing moves"
+    assert (
+        found["verdict"] == "cannot tell" and found["effect"] is None and found["message"] == "nothing moves"
+    )
     code, events, _ = watch(simulated(600, 500), "--diagnose")
     assert "too few" in next(event["message"] for event in events if event["event"] == "diagnosis")
 
