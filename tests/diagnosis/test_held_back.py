@@ -1,5 +1,6 @@
 """Dry friction of an axis whose speed comes late: each shows only beside the other. Simulated by LSODA."""
 
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,13 +10,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis import diagnose as diagnosing
+from daest.diagnosis import held_back as holding_back
 from daest.diagnosis import improve as improving
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.held_back import lags_in_the_way
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
 from daest.model.experiment import Experiment
-from daest.model.fit import Agreement, FittedNoise
+from daest.model.fit import Agreement, FittedNoise, FittedParameter
 from daest.modelica.compile import compile_text
 from daest.modelica.effects import effect_library
 
@@ -167,6 +169,52 @@ def test_lag_is_looked_beside_where_it_leaves_errors_far_above_the_noise(error, 
     assert (lag in lags_in_the_way(found)) == is_looked_beside
     law.not_separable_from = ("Lag at P",)
     assert lags_in_the_way(found) == []
+
+
+@dataclass(frozen=True)
+class Second:
+    proofs: tuple
+    message: str
+
+
+@dataclass(frozen=True)
+class Told:
+    """A proof, as far as a diagnosis beside a lag looks at it."""
+
+    candidate: SimpleNamespace
+    told: SimpleNamespace
+    verdict: str = "supported"
+    final: object = None
+
+
+@pytest.mark.parametrize(
+    ("time", "std", "error", "adds_up", "is_told"),
+    [
+        (0.02, 0.001, 0.5, False, True),
+        (0.0002, 0.001, 0.5, False, False),  # nothing is left of the lag
+        (0.02, None, 0.5, False, False),
+        (0.02, 0.001, 1.1, False, False),  # unseen data are simulated worse than without both
+        (0.02, 0.001, 1.1, True, True),
+    ],
+)
+def test_lag_and_law_are_told_where_both_are_there_and_matter(time, std, error, adds_up, is_told):
+    def simulated(value, *parameters):
+        unseen = Agreement({"y": None}, {"y": value})
+        return SimpleNamespace(simulated={"validation": unseen}, parameters=parameters)
+
+    size = FittedParameter("lag_1.T", time, std, time, "s", None, None, None)
+    effect = SimpleNamespace(sizes=[SimpleNamespace(name="T")])
+    lag = Told(
+        SimpleNamespace(name="lag_1", effect=effect, label="Lag at y", estimated=()), simulated(1.0, size)
+    )
+    law = Told(SimpleNamespace(name="law_1"), simulated(error, size))
+    stand = SimpleNamespace(told=simulated(1.0), reference=SimpleNamespace(adds_up=adds_up))
+    second = Second((law,), "What is said.")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(holding_back, "told_values", lambda _: "T = 0.02 s")
+        found = holding_back.with_lag(second, lag, stand)
+    assert (found is not None) == is_told
+    assert found is None or [p.candidate.name for p in found.proofs] == ["law_1", "lag_1"]
 
 
 def test_no_second_lag_beside_one_that_has_let_no_law_in(monkeypatch):

@@ -787,6 +787,20 @@ def test_law_that_says_what_a_short_lag_says_is_something_fast():
     assert ranked([lag, likelier])[0].verdict == "supported"
 
 
+@pytest.mark.parametrize(("error", "verdict"), [(0.5, "rejected"), (0.7, "supported")])
+def test_lag_beside_a_short_one_that_simulates_unseen_data_far_better_is_none(error, verdict):
+    seen = law_told("Lag", 300.0, T=(2e-2, 1e-3))
+    whole = next(iter(seen.told.simulated.values()))
+    unseen = replace(seen.told.simulated.get("validation", whole), rms=dict.fromkeys(whole.rms, 1.0))
+    lag = replace(seen, final=replace(seen.told, simulated={"validation": unseen}))
+    near = replace(unseen, rms=dict.fromkeys(unseen.rms, error))
+    short = replace(law_told("Delay", 250.0, T=(2e-2, 1e-3)), verdict="rejected", reason="it is short")
+    short = replace(short, is_any_dynamics=True, final=replace(lag.told, simulated={"validation": near}))
+    found = {p.candidate.effect.name: p for p in ranked([lag, short])}
+    assert found["Lag"].verdict == verdict and not found["Lag"].is_any_dynamics
+    assert not found["Lag"].reason or "far better, but it is short" in found["Lag"].reason
+
+
 @pytest.mark.parametrize(
     ("share", "verdict"), [(0.996, "not separable"), (1.0, "not separable"), (0.9, "rejected")]
 )

@@ -114,6 +114,15 @@ def _is_shown(found: Diagnosis, proof: Proof) -> bool:
     return max(ratios, default=np.inf) < GATES.max_told_ratio
 
 
+def _is_gone(lag: Proof, law: Proof) -> bool:
+    """Whether nothing is left of the lag beside the law that was accepted there."""
+    sizes = {f"{lag.candidate.name}.{p.name}" for p in lag.candidate.effect.sizes}
+    own = [p for p in law.told.parameters if p.name in sizes]
+    return bool(own) and not any(
+        p.std_error and abs(p.value) > GATES.min_significance * p.std_error for p in own
+    )
+
+
 def _simulates_worse(both: Proof, stand: Stand) -> bool:
     """Whether unseen data are simulated no better with a law and a lag than without, where errors do not add
     up: whatever they gain beside loads, they are not what the machine does."""
@@ -140,10 +149,11 @@ def told_beside(lag: Proof, stand: Stand, beside: Stand) -> Proof:
 
 
 def with_lag(second: Diagnosis, lag: Proof, stand: Stand) -> Diagnosis | None:
-    """The diagnosis beside a lag, with this told; None where it accepts nothing, or nothing with which unseen
-    data are simulated any better than by the model of `stand`."""
+    """The diagnosis beside a lag, with this told; None where it accepts nothing, nothing beside which the lag
+    is still there, or nothing with which unseen data are simulated any better than by the model of
+    `stand`."""
     accepted = [proof for proof in second.proofs if proof.verdict != "rejected"]
-    if not accepted or _simulates_worse(accepted[0], stand):
+    if not accepted or _is_gone(lag, accepted[0]) or _simulates_worse(accepted[0], stand):
         return None
     lag = replace(lag, final=accepted[0].told)  # beside what had held it back
     message = (

@@ -127,7 +127,8 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
 def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
     """Laws with states are refused that say no more than a simpler lag or delay which is too short to be told
     from others, or only comes near: a flexible part with three parameters imitates the lag of a sensor; and
-    any law that says less than such a one with no more parameters."""
+    any law that says less than such a one with no more parameters. So is a lag with which unseen data are
+    simulated far worse than with another one that is too short: a part that swings is neither."""
     lags, result = [p for p in proofs if p.is_any_dynamics or p.comes_near], []
     for proof in proofs:
         simpler = [p for p in lags if is_simpler(p.candidate, proof.candidate)]
@@ -140,8 +141,20 @@ def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
             reason = f"{same.candidate.label} says {much}{how}, but {same.reason}"
             is_such = same.is_any_dynamics and not fewer and abs(proof.delta_bic - same.delta_bic) <= more
             proof = replace(proof, verdict="rejected", reason=reason, is_any_dynamics=is_such)
+        nearer = next((p for p in lags if _is_lag_far_nearer(p, proof)), None)
+        if proof.verdict != "rejected" and nearer is not None:
+            reason = f"{nearer.candidate.label} simulates unseen data far better, but {nearer.reason}"
+            proof = replace(proof, verdict="rejected", reason=reason)
         result.append(proof)
     return result
+
+
+def _is_lag_far_nearer(short: Proof, lag: Proof) -> bool:
+    """Whether a lag or delay of a signal that is too short to be told from others simulates unseen data far
+    better than another one."""
+    dynamic = all(p.candidate.is_of_signal and p.candidate.is_dynamic for p in (short, lag))
+    ratios = error_ratios(lag.told.simulated, short.told.simulated) if dynamic else ()
+    return short.is_any_dynamics and bool(ratios) and max(ratios) < GATES.max_told_ratio
 
 
 def is_simpler(lag: Candidate, law: Candidate) -> bool:
