@@ -116,8 +116,8 @@ def kalman_steps(
 
 
 def side_by_side(shapes: Sequence[tuple[int, ...]]) -> list[np.ndarray]:
-    """Arrays without values, parts of one: a large one is made of large pages of memory, which are had in a
-    fraction of the time."""
+    """Arrays of the `shapes`, such as (n_samples, n), without values and parts of one: a large one is made of
+    large pages of memory, which are had in a fraction of the time."""
     sizes = [math.prod(shape) for shape in shapes]
     ends = list(accumulate(sizes))
     whole = np.empty(ends[-1])
