@@ -11,10 +11,10 @@ import numpy as np
 
 from daest.model.flat import Dynamics
 from daest.numerics.quiet import native_silence
+from daest.systems.tolerances import SOLVER
 
 MOST = 50  # parameters that are looked at: of more, the slopes of a large model take long
 TRIES = 10  # points that are looked at, for each that is wanted
-TOGETHER = 1e-6  # share of a slope that no other one explains, below which it is rounding
 _SEED = 20040101
 
 
@@ -30,7 +30,7 @@ def told_apart(model: Dynamics, names: Sequence[str]) -> tuple[str, ...]:
         rest = column - basis @ (basis.T @ column)
         rest -= basis @ (basis.T @ rest)  # once more against rounding
         size, whole = np.linalg.norm(rest), np.linalg.norm(column)
-        if whole > 0.0 and size <= TOGETHER * whole:
+        if whole > 0.0 and size <= SOLVER.known_together * whole:
             continue
         kept.append(name)
         if size > 0.0:
