@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from oscillator import OSCILLATOR, record
 
-from daest.data.contradictions import contradictions
+from daest.data.contradictions import Exchange, contradictions, exchanges
 from daest.diagnosis.contradicted import contradicted
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.improve import improve
@@ -90,6 +90,57 @@ def test_one_of_several_inputs_that_acts_the_other_way_is_told(line):
     found = diagnose(flat, (), [spoilt])
     assert found.verdict == "cannot tell" and not found.proofs
     assert "Turn the sign of e" in found.next_experiment
+
+
+VESSELS = b"""model Vessels "One runs into the other; each has an inflow, and heat is recorded in kW"
+  parameter Real k1(unit = "1/s", min = 0) = 0.05 annotation(__Daest(estimate = true));
+  parameter Real k2(unit = "1/s", min = 0) = 0.02 annotation(__Daest(estimate = true));
+  input Real q1(unit = "kg/s");
+  input Real q2(unit = "kg/s");
+  input Real P(unit = "kW");
+  output Real m1(unit = "kg", start = 0);
+  output Real m2(unit = "kg", start = 0);
+equation
+  der(m1) = q1 - k1*m1 - 0.01*P;
+  der(m2) = q2 + k1*m1 - k2*m2;
+end Vessels;
+"""
+
+
+@pytest.fixture(scope="module")
+def vessels():
+    flat, rng, time = compile_text(VESSELS, Path("Vessels.mo")), np.random.default_rng(3), np.arange(600.0)
+    inputs = np.repeat(rng.uniform(0.0, 1.0, (30, 3)), 20, axis=0)
+    names = ("q1", "q2", "P"), ("m1", "m2")
+    experiment = Experiment("run", time, inputs, np.zeros((600, 2)), *names)
+    made = simulate(flat, experiment, theta=np.array([0.08, 0.03])).outputs
+    return flat, replace(experiment, outputs=made + 0.1 * rng.normal(size=(600, 2)))
+
+
+def test_pairs_are_of_signals_in_one_unit_that_change(vessels):
+    flat, experiment = vessels
+    assert [one.signals for one in exchanges(flat, [experiment])] == [("q1", "q2"), ("m1", "m2")]
+    still = replace(experiment, inputs=experiment.inputs * [1.0, 0.0, 1.0])
+    assert [one.signals for one in exchanges(flat, [still])] == [("m1", "m2")]
+    moved = Exchange(("m1", "m2")).mended(experiment)
+    assert np.array_equal(moved.outputs, experiment.outputs[:, ::-1]) and moved.inputs is experiment.inputs
+
+
+@pytest.mark.parametrize("signals", [("q1", "q2"), ("m1", "m2")])
+def test_two_columns_in_the_place_of_each_other_are_told(vessels, signals):
+    flat, experiment = vessels
+    spoilt = Exchange(signals).mended(experiment)
+    found = diagnose(flat, (), [spoilt])
+    assert found.verdict == "cannot tell" and not found.proofs
+    assert f"{signals[0]} and {signals[1]} stand in each other's place" in found.message
+    assert f"Exchange the columns of {signals[0]} and {signals[1]}" in found.next_experiment
+
+
+def test_columns_are_not_in_each_others_place_where_something_else_is_wrong(vessels):
+    flat, experiment = vessels
+    assert contradicted(flat, [experiment], [experiment], None) is None
+    drained = replace(experiment, outputs=np.minimum(experiment.outputs, [5.0, 60.0]))
+    assert contradicted(flat, [drained], [drained], None) is None
 
 
 def test_a_recording_that_contradicts_nothing_is_looked_into(case):

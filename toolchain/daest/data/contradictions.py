@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -146,6 +147,37 @@ def _without_trend(time: np.ndarray, values: np.ndarray) -> np.ndarray:
     reasons than their inputs."""
     basis = np.vander(time - time[:1], 2)
     return values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Two inputs, or two outputs, whose columns may be one in place of the other."""
+
+    signals: tuple[str, str]
+
+    def mended(self, experiment: Experiment) -> Experiment:
+        """The experiment with the columns of both exchanged."""
+        one, other = self.signals
+
+        def exchanged(names: Sequence[str], values: np.ndarray) -> np.ndarray:
+            turned = {one: other, other: one}
+            return values[:, [names.index(turned.get(name, name)) for name in names]]
+
+        if one in experiment.input_names:
+            return replace(experiment, inputs=exchanged(experiment.input_names, experiment.inputs))
+        return replace(experiment, outputs=exchanged(experiment.output_names, experiment.outputs))
+
+
+def exchanges(flat: Model, experiments: Sequence[Experiment]) -> list[Exchange]:
+    """The pairs of inputs and of outputs that are recorded in the same unit and change."""
+    recorded: dict[str, np.ndarray] = {}
+    for e in experiments:
+        values = zip((*e.input_names, *e.output_names), (*e.inputs.T, *e.outputs.T), strict=True)
+        recorded |= {name: column for name, column in values if np.nanstd(column) > 0.0}
+    groups = ([v for v in variables if v.name in recorded] for variables in (flat.inputs, flat.outputs))
+    return [
+        Exchange((a.name, b.name)) for group in groups for a, b in combinations(group, 2) if a.unit == b.unit
+    ]
 
 
 def all_mended(experiment: Experiment, found: Sequence[Contradiction]) -> Experiment:

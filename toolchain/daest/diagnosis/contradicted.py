@@ -1,5 +1,5 @@
 """Recordings that contradict the model whatever it lacks: a sensor that is mounted the other way round, or
-counts in another unit.
+counts in another unit, and two columns that stand in each other's place.
 
 No effect of a library turns a signal round, and one that seems to is not what is missing. Where the model as
 it is simulates the mended recording, and not the one that was given, all that is to be said is what to mend.
@@ -13,16 +13,18 @@ from contextlib import suppress
 
 import numpy as np
 
-from daest.data.contradictions import Contradiction, all_mended, contradictions
+from daest.data.contradictions import Contradiction, Exchange, all_mended, contradictions, exchanges
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import quiet, without_noises
 from daest.estimation.identify import identify
 from daest.model.diagnosis import Diagnosis, Screen
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.fit import FitResult, IdentifyOptions, error_ratios
 from daest.model.flat import FlatModel, Model
 from daest.model.holds import Hold
+
+MOST_PAIRS = 10  # of columns that are exchanged
 
 
 def contradicted(
@@ -32,17 +34,47 @@ def contradicted(
     do not contradict the model, or a simulation does not show that this is why it does not match."""
     began = time.perf_counter()
     found = contradictions(flat, experiments[0]) if experiments else []
-    if not found:
+    pairs = [] if found or not experiments else exchanges(flat, experiments)[:MOST_PAIRS]
+    if not found and not pairs:
         return None
-    mended = [all_mended(e, found) for e in experiments]
     silent = without_noises(flat) if isinstance(flat, FlatModel) else flat
+    options = IdentifyOptions(method="oe", hold=hold, second_look=False)
     with quiet(), suppress(*FAILURES):
-        options = IdentifyOptions(method="oe", hold=hold, second_look=False)
         given = identify(silent, experiments, options, validation=validation)
-        better = identify(silent, mended, options)
+        if not found:
+            exchanged = _exchanged(silent, given, experiments, pairs)
+            return exchanged and _told(given, *exchanged, time.perf_counter() - began)
+        better = identify(silent, [all_mended(e, found) for e in experiments], options)
         if better.log_likelihood > given.log_likelihood + len(found) and _is_why(given, better, found):
-            return _told(given, better, found, time.perf_counter() - began)
+            return _told(given, better, *_what(found), time.perf_counter() - began)
     return None
+
+
+def _exchanged(
+    silent: Model, given: FitResult, experiments: Sequence[Experiment], pairs: Sequence[Exchange]
+) -> tuple[FitResult, str, str] | None:
+    """The fit with the columns of one of the `pairs` exchanged, what is told of it, and how to mend it, where
+    a simulation of the recordings as they are misses an output and all are simulated far better with these
+    two the other way round; else None."""
+    fits = given.simulated["estimation"].fit_percent
+    if min((percent or 0.0) for percent in fits.values()) > GATES.min_driven_fit:
+        return None
+    least = given.log_likelihood + GATES.min_late_gain
+    options = IdentifyOptions(method="oe", hold=given.hold, second_look=False, least=least)
+    for pair in pairs:
+        with suppress(*FAILURES):
+            better = identify(silent, [pair.mended(e) for e in experiments], options)
+            ratios = error_ratios(given.simulated, better.simulated, "estimation")
+            if better.log_likelihood > least and max(ratios, default=1.0) < GATES.max_told_ratio:
+                one, other = pair.signals
+                how = f"Exchange the columns of {one} and {other} in daest.toml, or the signals in the model."
+                return better, f"{one} and {other} stand in each other's place", how
+    return None
+
+
+def _what(found: Sequence[Contradiction]) -> tuple[str, str]:
+    """What is told of contradictions, and how to mend them."""
+    return "; ".join(f"{one.signal} {one.text}" for one in found), " ".join(_how(one) for one in found)
 
 
 def _is_why(given: FitResult, better: FitResult, found: Sequence[Contradiction]) -> bool:
@@ -60,14 +92,13 @@ def _is_why(given: FitResult, better: FitResult, found: Sequence[Contradiction])
     return all(follows(better)) and not (any(as_given) if turned else all(as_given))
 
 
-def _told(given: FitResult, better: FitResult, found: Sequence[Contradiction], seconds: float) -> Diagnosis:
-    texts = "; ".join(f"{one.signal} {one.text}" for one in found)
+def _told(given: FitResult, better: FitResult, what: str, how: str, seconds: float) -> Diagnosis:
     fits = ", ".join(
         f"{name} {given.simulated['estimation'].fit_percent[name] or 0.0:.0f} -> {percent or 0.0:.0f} %"
         for name, percent in better.simulated["estimation"].fit_percent.items()
     )
     message = (
-        f"The recording contradicts the model: {texts}. Mended, it is simulated by the model as it is (fit "
+        f"The recording contradicts the model: {what}. Mended, it is simulated by the model as it is (fit "
         f"{fits}). What else is missing can be told of the mended recording."
     )
     return Diagnosis(
@@ -79,7 +110,7 @@ def _told(given: FitResult, better: FitResult, found: Sequence[Contradiction], s
         places=(),
         disturbance=None,
         validation=given.simulated.get("validation"),
-        next_experiment=" ".join(_how(one) for one in found),
+        next_experiment=how,
         seconds=seconds,
         has_loads=False,
     )
