@@ -787,6 +787,21 @@ def test_law_that_says_what_a_short_lag_says_is_something_fast():
     assert ranked([lag, likelier])[0].verdict == "supported"
 
 
+@pytest.mark.parametrize(
+    ("explained", "is_known", "verdict"),
+    [(0.97, False, "supported"), (0.9, False, "rejected"), (0.97, True, "rejected")],
+)
+def test_law_beyond_the_recordings_is_not_in_the_way_of_one_that_explains_nearly_all(
+    explained, is_known, verdict
+):
+    constant = replace(law_told("Offset", 40.0, b=(1.0, 0.01)), explained=explained)
+    limit = law_told("OneSidedLimit", 90.0, share=(0.01, 0.001), limit=(10.0, 0.5))
+    beyond = replace(limit, verdict="rejected", reason="it lies beyond", is_open=True, is_known=is_known)
+    found = {p.candidate.effect.name: p for p in ranked([constant, replace(beyond, explained=1.0)])}
+    assert found["Offset"].verdict == verdict
+    assert not found["Offset"].reason or "but it lies beyond" in found["Offset"].reason
+
+
 @pytest.mark.parametrize(("error", "verdict"), [(0.5, "rejected"), (0.7, "supported")])
 def test_lag_beside_a_short_one_that_simulates_unseen_data_far_better_is_none(error, verdict):
     seen = law_told("Lag", 300.0, T=(2e-2, 1e-3))

@@ -435,6 +435,9 @@ def _is_in_the_way(refused: Proof, best: Proof) -> bool:
         return False
     if _is_same_where_alike(refused, best):
         return False
+    # Of a law that shows too little of its form the data say nothing but that something small is left.
+    if not refused.is_known and best.explained >= GATES.all_explained:
+        return False
     return _is_likelier_part(refused, best) or not _unseen_ratio(refused, best) < GATES.max_rival_error
 
 
