@@ -34,7 +34,9 @@ def contradicted(
     do not contradict the model, or a simulation does not show that this is why it does not match."""
     began = time.perf_counter()
     found = contradictions(flat, experiments[0]) if experiments else []
-    pairs = [] if found or not experiments else exchanges(flat, experiments)[:MOST_PAIRS]
+    # Of an FMU, or a model with events, the fits that tell of pairs take longer than what they may save.
+    is_quick = isinstance(flat, FlatModel) and flat.events is None
+    pairs = exchanges(flat, experiments)[:MOST_PAIRS] if is_quick and experiments and not found else []
     if not found and not pairs:
         return None
     silent = without_noises(flat) if isinstance(flat, FlatModel) else flat
