@@ -37,12 +37,12 @@ from daest.model.effects import Effect
 from daest.model.estimates import FilterOptions, FilterResult
 from daest.model.experiment import DataCheck, Experiment, Simulation
 from daest.model.fit import FitResult, IdentifyOptions
-from daest.model.flat import FlatModel, Model, with_equations
+from daest.model.flat import Model, with_equations
 from daest.model.holds import Hold
 from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.model.noise import NoiseReport
 from daest.modelica.change import with_outputs, with_values
-from daest.modelica.clock import clock_unit
+from daest.modelica.clock import model_clock
 from daest.modelica.effects import effect_library
 from daest.near import near_names
 from daest.systems import linearize as linearizing
@@ -101,7 +101,7 @@ class Source:
             outputs_required=not is_driven,
             time=self.time,
             units=self.units,
-            clock=clock_unit(flat) if isinstance(flat, FlatModel) else "s",
+            clock=model_clock(flat),
         )
         if is_driven:
             return flat, experiments

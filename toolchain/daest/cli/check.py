@@ -79,10 +79,11 @@ def _tell_walls() -> None:
 def checked(path: Path, project: Project, flat: Model | None, window: Preparation | None = None) -> DataCheck:
     """The check of one file, or of its part in the `window`, against the model if there is one. Raises
     DataError where it cannot be read."""
-    from daest.cli.recordings import model_clock, signals
+    from daest.cli.recordings import signals
     from daest.data.check import check_table
     from daest.data.match import clock_findings, unitless_findings
     from daest.data.read import counted_in, read_table, with_units, within
+    from daest.modelica.clock import model_clock
 
     window = window or project.preparation
     clock = "s" if flat is None else model_clock(flat)

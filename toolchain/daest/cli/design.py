@@ -258,8 +258,8 @@ def _recordings(
 def _limits(flat: Model, recordings: Sequence[Experiment], wish: Wish, hold: Hold) -> Limits:
     """Limits of the command line, and of the recordings where it gives none. Raises ConfigError
     `design-limits-unknown` or `option-assignment`."""
-    from daest.cli.recordings import model_clock
     from daest.model.design import Limits, Range
+    from daest.modelica.clock import model_clock
 
     given = dict(_range(text) for text in wish.limits)
     rates = assignments(wish.rates, "--rate")

@@ -24,9 +24,9 @@ from daest.data.read import (
 )
 from daest.errors import ConfigError
 from daest.model.experiment import Experiment
-from daest.model.flat import FlatModel, Model
+from daest.model.flat import Model
 from daest.modelica.change import with_outputs
-from daest.modelica.clock import clock_unit
+from daest.modelica.clock import model_clock
 
 
 def training_data(
@@ -107,11 +107,12 @@ def _read(
     """The recordings, looked at as they are, then prepared; remarks and warnings go to stderr."""
     raw = replace(preparation, period=None, detrend="none")
     experiments = []
-    read = read_experiments(paths, *signals(flat, project), raw, others=others, **words_of(project, flat))
+    words = words_of(project, flat)
+    read = read_experiments(paths, *signals(flat, project), raw, others=others, **words)
     measured = measured_names(read)  # what no recording holds is told once, for all of them
-    _tell_clock(flat, project, paths)
+    _tell_clock(words["clock"], project, paths)
     for experiment in read:
-        for finding in check_experiment(select_outputs(experiment, measured), model_clock(flat)).warnings:
+        for finding in check_experiment(select_outputs(experiment, measured), words["clock"]).warnings:
             warn(finding.code, f"{experiment.name}: {finding.sentence}")
         prepared = prepare(experiment, preparation)
         for remark in prepared.notes:
@@ -120,11 +121,10 @@ def _read(
     return experiments
 
 
-def _tell_clock(flat: Model, project: Project, paths: Sequence[Path]) -> None:
-    """Where the model counts in hours and recordings tell the unit of their time: that they are read in
-    hours. The columns are read again for that, of such models alone. What holds of several recordings is
+def _tell_clock(clock: str, project: Project, paths: Sequence[Path]) -> None:
+    """Where the `clock` of the model is hours, and recordings tell the unit of their time: that they are read
+    in hours. The columns are read again for that, of such models alone. What holds of several recordings is
     told once."""
-    clock = model_clock(flat)
     told: dict[tuple[str, str], list[str]] = {}
     for path in paths if clock != "s" else ():
         table = with_units(read_table(path), project.units)
@@ -132,11 +132,6 @@ def _tell_clock(flat: Model, project: Project, paths: Sequence[Path]) -> None:
             told.setdefault((finding.code, finding.sentence), []).append(path.stem)
     for (_, sentence), names in told.items():
         note(f"{', '.join(names)}: {sentence}")
-
-
-def model_clock(flat: Model) -> str:
-    """The unit of the time of a model; seconds where it has no equations."""
-    return clock_unit(flat) if isinstance(flat, FlatModel) else "s"
 
 
 def measured_recordings(

@@ -60,8 +60,9 @@ def command(
     Parameters are those of results/fit.json if it is a fit of this model, else those of the model.
     """
     from daest.cli.models import model_source, with_settings
-    from daest.cli.recordings import driving_data, model_clock
+    from daest.cli.recordings import driving_data
     from daest.cli.results import find_fit, fitted
+    from daest.modelica.clock import model_clock
     from daest.report.result_figures import simulation_figure
     from daest.systems.simulate import simulate
 

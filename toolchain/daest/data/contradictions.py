@@ -170,10 +170,10 @@ class Exchange:
 
 def exchanges(flat: Model, experiments: Sequence[Experiment]) -> list[Exchange]:
     """The pairs of inputs and of outputs that are recorded in the same unit and change."""
-    recorded: dict[str, np.ndarray] = {}
+    recorded: set[str] = set()
     for e in experiments:
         values = zip((*e.input_names, *e.output_names), (*e.inputs.T, *e.outputs.T), strict=True)
-        recorded |= {name: column for name, column in values if np.nanstd(column) > 0.0}
+        recorded |= {name for name, column in values if np.nanstd(column) > 0.0}
     groups = ([v for v in variables if v.name in recorded] for variables in (flat.inputs, flat.outputs))
     return [
         Exchange((a.name, b.name)) for group in groups for a, b in combinations(group, 2) if a.unit == b.unit

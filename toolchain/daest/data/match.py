@@ -10,7 +10,16 @@ from typing import Literal, get_args
 import numpy as np
 
 from daest.data.read import Signal
-from daest.data.table import Column, Table, column_unit, stem, time_column, time_unit, told_unit, with_seconds
+from daest.data.table import (
+    Column,
+    Table,
+    column_unit,
+    counted_column,
+    stem,
+    time_unit,
+    told_unit,
+    with_seconds,
+)
 from daest.model.experiment import Finding
 from daest.quantities import converts, may_count_turns
 
@@ -198,8 +207,8 @@ def unitless_findings(table: Table, signals: Sequence[Signal]) -> list[Finding]:
 def clock_findings(table: Table, clock: str, name: str | None = None) -> list[Finding]:
     """A note where the column `name` of the time, or the only one, tells its unit, or holds dates: it is read
     in `clock`, another unit than seconds, in which the equations count time."""
-    column = time_column(table, name)
-    if column is None or clock == "s" or (told_unit(column) is None and not column.texts):
+    column = counted_column(table, clock, name)
+    if column is None:
         return []
     text = (
         f"is read in {clock}, in which the balances of the model count time, as the units of its parameters "

@@ -17,13 +17,12 @@ from daest.data.table import (
     Column,
     Part,
     Table,
+    counted_column,
     frame_table,
     in_seconds,
     is_frame,
     raise_collected,
-    time_column,
     time_unit,
-    told_unit,
     with_seconds,
 )
 from daest.errors import DataError, Place
@@ -199,8 +198,8 @@ def with_units(table: Table, units: Mapping[str, str]) -> Table:
 def counted_in(clock: str, table: Table, time: str | None = None) -> Table:
     """The table with its column of the time in `clock`, the unit in which a model counts, where it tells its
     unit or holds dates."""
-    column = time_column(table, time)
-    if clock == "s" or column is None or (told_unit(column) is None and not column.texts):
+    column = counted_column(table, clock, time)
+    if column is None:
         return table
     dated = with_seconds(column)
     if dated.texts:  # which are told where the time is read

@@ -169,6 +169,15 @@ def time_column(table: Table, name: str | None = None) -> Column | None:
     return times[0] if len(times) == 1 else None
 
 
+def counted_column(table: Table, clock: str, name: str | None = None) -> Column | None:
+    """The `time_column` where it tells its unit or holds dates, so that it is read in `clock`, the unit in
+    which a model counts; None where that is seconds, or nothing tells what the column counts."""
+    column = time_column(table, name) if clock != "s" else None
+    if column is None or (told_unit(column) is None and not column.texts):
+        return None
+    return column
+
+
 def duplicate_columns(table: Table) -> list[DataError]:
     """One problem for every name that two columns of the table share."""
     seen: dict[str, Column] = {}

@@ -107,16 +107,14 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
                     same_as=(*proof.same_as, *(p.candidate.label for p in same if proof is best)),
                 )
             )
+        elif proof in idle:
+            reason = f"{best.candidate.label} says as much with fewer parameters"
+            result.append(replace(proof, verdict="rejected", reason=reason))
+        elif proof in same:
+            reason = f"it is the same equation as {best.candidate.label}"
+            result.append(replace(proof, verdict="rejected", reason=reason))
         else:
             worse = _bic(best) - _bic(proof)
-            if proof in idle:
-                reason = f"{best.candidate.label} says as much with fewer parameters"
-                result.append(replace(proof, verdict="rejected", reason=reason))
-                continue
-            if proof in same:
-                reason = f"it is the same equation as {best.candidate.label}"
-                result.append(replace(proof, verdict="rejected", reason=reason))
-                continue
             reason = f"{best.candidate.label} explains the data better (BIC {worse:.0f})"
             if worse < 0.0:
                 reason = f"{best.candidate.label} says nearly as much with fewer parameters"
@@ -168,12 +166,12 @@ def _is_at_limit(rich: Proof, plain: Proof) -> bool:
     """Whether the shapes of a law are within a standard error of nothing, and another law without one, of the
     same size, gains much of what it does: a spring whose loop closes within no length is dry friction, which
     holds at rest better than one whose kink is rounded."""
-    shapes = [p for p in _told_of_effect(rich) if not _is_size(rich, p)]
-    if not shapes or len(_open_shapes(rich)) < len(shapes) or len(_told_of_effect(plain)) != 1:
+    open_shapes = _open_shapes(rich)
+    sizes = [p for p in _told_of_effect(rich) if p not in open_shapes]
+    plain_sizes = _told_of_effect(plain)
+    if not open_shapes or len(sizes) != 1 or len(plain_sizes) != 1 or not _is_size(rich, sizes[0]):
         return False
-    sizes = [p for p in _told_of_effect(rich) if _is_size(rich, p)]
-    (size,) = _told_of_effect(plain)
-    is_same = len(sizes) == 1 and sizes[0].unit == size.unit and _agree(sizes[0], size)
+    is_same = sizes[0].unit == plain_sizes[0].unit and _agree(sizes[0], plain_sizes[0])
     return is_same and plain.delta_log_likelihood > GATES.min_doubted_gain * rich.delta_log_likelihood
 
 

@@ -31,19 +31,18 @@ class NoiseChoice:
 class IdentifyOptions:
     """How to identify; None leaves a choice to the model or to the data.
 
-    `estimate` names the parameters to find (None: those that the model marks). `fix` gives other
-    parameters a value, `start` start values, `bounds` (min, max) and `prior` in place of the model's.
-    `process_noise` and `measurement_noise` are by noise and output name. `hold` None tries foh and zoh and
-    takes the better one. `starts` searches from that many start points, seeded by `seed`, in `jobs` processes
-    where that is worth while, or on the Dask `cluster` at an address, with the same result; without
-    `second_look` a fit that leaves coloured residuals is not tried again from elsewhere, hills beside its end
-    are looked over only where they show (of a simulation with `hills`), and the ends of its intervals are not
-    looked at. `likelihood` is
-    that of the one-step predictions of a nonlinear model ("pem"): by an observer with a constant gain, or by
-    the extended Kalman filter, which suits smooth models and estimates the noise exactly. `split` in (0, 1)
-    keeps that first part of every experiment for the estimation and the rest for the validation. `profile`
-    names parameters whose profile likelihood is wanted, ("all",) every estimated one; the gain of an observer
-    is held in it.
+    `estimate` names the parameters to find (None: those that the model marks). `fix` gives other parameters a
+    value, `start` start values, `bounds` (min, max) and `prior` in place of the model's. `process_noise` and
+    `measurement_noise` are by noise and output name. `hold` None tries foh and zoh and takes the better one.
+    `starts` searches from that many start points, seeded by `seed`, in `jobs` processes where that is worth
+    while, or on the Dask `cluster` at an address, with the same result; without `second_look` a fit that
+    leaves coloured residuals is not tried again from elsewhere, hills beside its end are looked over only
+    where they show (of a simulation with `hills`), and the ends of its intervals are not looked at.
+    `likelihood` is that of the one-step predictions of a nonlinear model ("pem"): by an observer with a
+    constant gain, or by the extended Kalman filter, which suits smooth models and estimates the noise
+    exactly. `split` in (0, 1) keeps that first part of every experiment for the estimation and the rest for
+    the validation. `profile` names parameters whose profile likelihood is wanted, ("all",) every estimated
+    one; the gain of an observer is held in it.
     `shooting` cuts every record of a nonlinear model into that many segments with initial states of their own
     (multiple shooting); None does so for an output-error search that fails over the whole records, 1 never.
     `rtol` is the tolerance of the integration of a nonlinear model (None: that of searches), looser where the

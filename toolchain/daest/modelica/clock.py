@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 import casadi as ca
 import numpy as np
 
-from daest.model.flat import FlatModel
+from daest.model.flat import FlatModel, Model
 from daest.modelica.factors import is_of_parameters
 from daest.modelica.other_units import SCALES, power_of
 from daest.quantities import dimensions, in_base_units, parse_unit
@@ -31,6 +31,11 @@ def clock_unit(flat: FlatModel) -> str:
     told = list(_told(flat)) or _of_parameters(flat)
     agree = bool(told) and np.allclose(told, told[0], rtol=_TOLERANCE, atol=0.0)
     return _CLOCKS.get(round(told[0]), "s") if agree else "s"
+
+
+def model_clock(flat: Model) -> str:
+    """The `clock_unit` of a model; seconds where it has no equations."""
+    return clock_unit(flat) if isinstance(flat, FlatModel) else "s"
 
 
 def in_clock(unit: str, clock: str) -> str:
