@@ -211,6 +211,17 @@ def test_law_that_leaves_much_is_no_claim_beside_one_that_says_ten_times_as_much
     assert decide(evidence(proofs=[small, near])).name == "supported"
 
 
+def test_a_law_that_is_left_open_is_told_by_all_names_that_it_has_there():
+    """A drum coasts down: dry friction, gravity and a constant load are one equation, and the set named the
+    first of them alone."""
+    same = replace(proof("CoulombFriction"), same_as=("Unbalance at rotor", "ConstantLoad at rotor"))
+    label = same.candidate.label
+    told = f"{label} (here the same equation as Unbalance at rotor and ConstantLoad at rotor)"
+    assert f"One of {told} and " in decide(evidence(proofs=[same, proof("QuadraticDrag")])).message
+    beside = decide(replace(evidence(proofs=[same]), unproved=(untried(31.0),)))
+    assert beside.message.startswith(f"{told} would do, but ")
+
+
 def test_leader_that_could_not_be_tried_forbids_no_claim_that_gained_far_more():
     """The screen foresees s² / 2, here 162 of a gain of 1000 that leaves nothing."""
     left = replace(evidence().rest.form, p_value=0.5, statistic=1.0)

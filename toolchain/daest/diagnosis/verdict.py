@@ -259,7 +259,7 @@ def _beside(
     evidence: Evidence, accepted: Sequence[Proof], label: str, why: str, next_experiment: str
 ) -> Decided:
     """No claim for the accepted candidates beside the one called `label`, for the reason `why`."""
-    names = _listed(tuple(p.candidate.label for p in accepted))
+    names = _listed(tuple(_named(p) for p in accepted))
     proofs = tuple(
         p
         if p.verdict == "rejected"
@@ -267,6 +267,13 @@ def _beside(
         for p in evidence.proofs
     )
     return Decided("cannot tell", f"{names} would do, but {why}.", next_experiment, proofs)
+
+
+def _named(proof: Proof) -> str:
+    """A law with the other names that it has on these recordings: of a speed that only falls, dry friction
+    may stand behind gravity, and nobody looks for it there."""
+    same = f" (here the same equation as {_listed(proof.same_as)})" if proof.same_as else ""
+    return f"{proof.candidate.label}{same}"
 
 
 def _says_more(leader: Unproved) -> str:
@@ -625,7 +632,7 @@ def _errors(evidence: Evidence, proof: Proof) -> str:
 
 
 def _cannot_tell(evidence: Evidence, accepted: Sequence[Proof]) -> Decided:
-    names = [p.candidate.label for p in accepted] + [p.inside for p in accepted if p.inside]
+    names = [_named(p) for p in accepted] + [p.inside for p in accepted if p.inside]
     differ = {p.candidate.site.name for p in accepted}
     is_mechanical = accepted[0].candidate.site.domain in ("rotational", "translational")
     separate = (
