@@ -32,6 +32,35 @@ def test_more_than_half_of_a_short_recording_estimates_where_that_is_enough(fold
     assert said in (folder / "daest.toml").read_text()
 
 
+DECAY = """model Decay
+  parameter Real T(unit = "s") = 0.3;
+  output Real y(unit = "V", start = 1, fixed = false);
+equation
+  T*der(y) = -y;
+end Decay;
+"""
+
+
+@pytest.mark.parametrize(("n_rows", "is_whole"), [(120, True), (30, False)])
+def test_last_of_several_runs_that_nothing_drives_validates_as_a_whole(folder, daest, n_rows, is_whole):
+    """Of a frame that swings out, both second halves hold the frame at rest; what is left without the last
+    run must be enough to diagnose from."""
+    (folder / "Decay.mo").write_text(DECAY)
+    rows = [f"{0.01 * k:.2f},{0.97**k:.5f}" for k in range(n_rows)]
+    for name in ("a.csv", "b.csv"):
+        (folder / name).write_text("\n".join(["time,y", *rows]) + "\n")
+    assert daest("init", "Decay.mo", "a.csv", "b.csv")[0] == 0
+    project = load_project()
+    assert [path.name for path in project.estimate] == (["a.csv"] if is_whole else ["a.csv", "b.csv"])
+    assert [path.name for path in project.validate] == (["b.csv"] if is_whole else [])
+    assert (project.preparation.split is None) == is_whole
+    # A driven model, or a single run, is divided as ever.
+    assert daest("init", "Decay.mo", "a.csv", "-p", "one.toml")[0] == 0
+    assert load_project(folder / "one.toml").preparation.split is not None
+    assert daest("init", "Lag.mo", "run1.csv", "run2.csv", "-p", "driven.toml")[0] == 0
+    assert load_project(folder / "driven.toml").preparation.split == 0.5
+
+
 def test_recordings_for_validation_are_known_by_their_names(folder, daest):
     (folder / "run_Test2.csv").write_text((folder / "run1.csv").read_text())
     (folder / "latest.csv").write_text((folder / "run1.csv").read_text())

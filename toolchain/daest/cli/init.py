@@ -67,7 +67,7 @@ def command(
         {**named_units(matches, tables[0]), **named_time_unit(tables[0])} if tables else {},
         frozenset({*parameters.held, *(parameters.prior or {}), *_other_choice(source, flat)}),
         proposed,
-        _split(tables),
+        _split(tables, is_driven=bool(inputs)),
     )
     with whole_file(file) as temporary:
         temporary.write_text(project_text(draft), encoding="utf-8")
@@ -76,14 +76,17 @@ def command(
     emit(_document(file, draft, checks), "init", form, None, _text)
 
 
-def _split(tables: Sequence[Table]) -> float:
+def _split(tables: Sequence[Table], *, is_driven: bool) -> float | None:
     """The share of the recordings that estimates: half, or more of them where that is too short to diagnose
-    from, and the whole is not."""
+    from, and the whole is not. None where the last one is to validate as a whole: of several runs in which
+    nothing drives the machine, each ends at rest, and second halves tell of that alone."""
     import numpy as np
 
-    from daest.diagnosis.stand import least_share
+    from daest.diagnosis.stand import is_enough, least_share
 
     sizes = [table.columns[0].values.size for table in tables if table.columns]
+    if not is_driven and len(tables) > 1 and is_enough(sizes[:-1]):
+        return None
     return least_share([np.arange(size) for size in sizes if size]) or 0.5
 
 

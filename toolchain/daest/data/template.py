@@ -21,7 +21,8 @@ _VALIDATING = {"test", "testing", "val", "valid", "validate", "validation", "hol
 @dataclass(frozen=True)
 class Draft:
     """What a new daest.toml is written from. `source` and `data` are paths relative to the file; `columns`
-    are all columns of the recording. `split` is the share of the recordings that estimates."""
+    are all columns of the recording. `split` is the share of the recordings that estimates; None where the
+    last one validates as a whole."""
 
     flat: Model
     source: str
@@ -35,7 +36,7 @@ class Draft:
     units: Mapping[str, str] = field(default_factory=dict)  # of columns, from their names
     chosen: frozenset[str] = frozenset()  # parameters of which the file says more than the model
     proposed: tuple[str, ...] = ()  # parameters that are estimated because the model marks none
-    split: float = 0.5
+    split: float | None = 0.5
 
 
 def project_text(draft: Draft) -> str:
@@ -58,6 +59,9 @@ def _data(draft: Draft) -> Iterator[str]:
     if kept_back:
         yield f"estimate = {_list([file for file in draft.data if file not in kept_back])}"
         yield f"validate = {_list(kept_back)}  # by their names: please check"
+    elif draft.data and draft.split is None:
+        yield f"estimate = {_list(draft.data[:-1])}"
+        yield f"validate = {_list(draft.data[-1:])}  # whole: halves of a decay are not alike"
     elif draft.data:
         yield f"estimate = {_list(draft.data)}"
         part = "half" if draft.split == 0.5 else f"{draft.split:.0%}, since half is too short,"

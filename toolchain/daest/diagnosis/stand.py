@@ -415,6 +415,11 @@ def least_share(times: Sequence[np.ndarray]) -> float | None:
     return None
 
 
+def is_enough(sizes: Sequence[int]) -> bool:
+    """Whether recordings of that many samples are enough to diagnose from."""
+    return sum(sizes) >= GATES.min_samples
+
+
 def _divided(
     experiments: tuple[Experiment, ...], validation: tuple[Experiment, ...]
 ) -> tuple[tuple[Experiment, ...], tuple[Experiment, ...]]:
