@@ -26,6 +26,7 @@ from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, grown, open_hold, with_other_hold
 from daest.diagnosis.open_loop import driven_share, open_screen
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
+from daest.diagnosis.passed_once import back_on_their_way
 from daest.diagnosis.ranking import best_accepted, errors_last, is_settled
 from daest.diagnosis.reasons import is_significant, unmoved
 from daest.diagnosis.recorded_late import EarlierInputs, earlier_inputs, gain_of_earlier_inputs
@@ -87,11 +88,12 @@ def _examined(
         null, reference = stand.null, stand.reference
         run = run_null(null)
         beside.append(_Beside(stand, run, pool))
-        known = keeping_order(null.flat, null.explicit, candidates)
+        known, once = back_on_their_way(run, keeping_order(null.flat, null.explicit, candidates))
         beside[0].begin_simulations(known)
         is_only = reference is None or reference.adds_up
         # A screen in open loop asks this process for the models that the first one has made.
         found = screen(null, run, known, options.seed, pool if is_only else None)
+        found = replace(found, skipped=(*found.skipped, *once))
         if reference is None or is_only:
             return stand, known, run, found, None
         return stand, known, run, found, open_screen(null, reference.start_in_use, known, options.seed)
