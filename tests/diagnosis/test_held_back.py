@@ -183,6 +183,7 @@ class Told:
 
     candidate: SimpleNamespace
     told: SimpleNamespace
+    fit: SimpleNamespace  # beside loads
     verdict: str = "supported"
     final: object = None
 
@@ -204,10 +205,9 @@ def test_lag_and_law_are_told_where_both_are_there_and_matter(time, std, error, 
 
     size = FittedParameter("lag_1.T", time, std, time, "s", None, None, None)
     effect = SimpleNamespace(sizes=[SimpleNamespace(name="T")])
-    lag = Told(
-        SimpleNamespace(name="lag_1", effect=effect, label="Lag at y", estimated=()), simulated(1.0, size)
-    )
-    law = Told(SimpleNamespace(name="law_1"), simulated(error, size))
+    alone, beside = simulated(1.0, size), simulated(error, size)
+    lag = Told(SimpleNamespace(name="lag_1", effect=effect, label="Lag at y", estimated=()), alone, alone)
+    law = Told(SimpleNamespace(name="law_1"), beside, beside)
     stand = SimpleNamespace(told=simulated(1.0), reference=SimpleNamespace(adds_up=adds_up))
     second = Second((law,), "What is said.")
     with pytest.MonkeyPatch.context() as patch:
@@ -215,6 +215,27 @@ def test_lag_and_law_are_told_where_both_are_there_and_matter(time, std, error, 
         found = holding_back.with_lag(second, lag, stand)
     assert (found is not None) == is_told
     assert found is None or [p.candidate.name for p in found.proofs] == ["law_1", "lag_1"]
+
+
+@pytest.mark.parametrize(
+    ("simulated", "std", "foreseen", "is_gone"),
+    [
+        (0.42, 0.15, 0.416, False),  # told roughly, and what predictions tell
+        (0.42, 0.15, 0.70, True),
+        (0.05, 0.15, 0.10, True),  # within its error of nothing
+    ],
+)
+def test_short_lag_that_a_simulation_tells_roughly_is_not_gone(simulated, std, foreseen, is_gone):
+    """A drum on which a wheel rolls out for minutes: that its speed is the mean over the last turn is seen in
+    the predictions, and hardly in the whole of the run."""
+    lag = SimpleNamespace(
+        candidate=SimpleNamespace(name="lag_1", effect=SimpleNamespace(sizes=[SimpleNamespace(name="T")]))
+    )
+    told, beside = (
+        SimpleNamespace(parameters=[FittedParameter("lag_1.T", value, error, value, "s", None, None, None)])
+        for value, error in ((simulated, std), (foreseen, 0.01))
+    )
+    assert holding_back._is_gone(lag, SimpleNamespace(told=told, fit=beside)) == is_gone
 
 
 def test_no_second_lag_beside_one_that_has_let_no_law_in(monkeypatch):

@@ -22,7 +22,7 @@ from daest.diagnosis.rounds import accept, proved_again
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand
 from daest.model.diagnosis import Diagnosis, Proof
-from daest.model.fit import error_ratios
+from daest.model.fit import FittedParameter, error_ratios
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.statistics import chi2
 
@@ -115,12 +115,25 @@ def _is_shown(found: Diagnosis, proof: Proof) -> bool:
 
 
 def _is_gone(lag: Proof, law: Proof) -> bool:
-    """Whether nothing is left of the lag beside the law that was accepted there."""
+    """Whether nothing is left of the lag beside the law that was accepted there. A whole simulation tells the
+    time of a short lag roughly, by errors that last; the time that predictions tell, and it confirms, is
+    there."""
     sizes = {f"{lag.candidate.name}.{p.name}" for p in lag.candidate.effect.sizes}
     own = [p for p in law.told.parameters if p.name in sizes]
+    beside_loads = {p.name: p for p in law.fit.parameters if _is_known(p)}
     return bool(own) and not any(
-        p.std_error and abs(p.value) > GATES.min_significance * p.std_error for p in own
+        _is_known(p) or (p.name in beside_loads and _is_within(p, beside_loads[p.name])) for p in own
     )
+
+
+def _is_known(parameter: FittedParameter) -> bool:
+    return bool(parameter.std_error and abs(parameter.value) > GATES.min_significance * parameter.std_error)
+
+
+def _is_within(rough: FittedParameter, other: FittedParameter) -> bool:
+    """Whether an estimate is within its standard error of another one, and off zero by more than that."""
+    error = rough.std_error or 0.0
+    return abs(rough.value - other.value) <= error < abs(rough.value)
 
 
 def _simulates_worse(both: Proof, stand: Stand) -> bool:
