@@ -63,7 +63,7 @@ from daest.diagnosis.trials import Prepared, Trial, clipping_trials, n_seats, tr
 from daest.model.diagnosis import Candidate, Proof, Screen, Unproved
 from daest.model.effects import Effect, Site
 from daest.model.fit import FitResult, error_ratios
-from daest.modelica.effects import adds_a_constant
+from daest.modelica.effects import adds_a_constant, adds_a_ramp
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers
 
@@ -295,8 +295,16 @@ class Course:
             # Errors that a few steps of an input leave count as few samples: no law stands out among many.
             others = _without_constants(every)[:MOST_IN_USE]
         judged = [p.candidate for p in proofs if p.verdict != "rejected" or p.in_use.n_independent]
+        constants += _untried(self._constants_for(others), [one.candidate for one in constants])
         wanted = _untried([*constants, *others], judged)
         return stages.shown_by_leaders(self.stand, wanted[:MOST_IN_PIECES], proofs)
+
+    def _constants_for(self, others: Sequence[Trial]) -> list[Trial]:
+        """The constants where ramps lead: over one recording a ramp is much of a constant. The screens may
+        leave a constant to the parameters, to which a growing store gives nearly all that it does."""
+        sites = [trial.candidate.site for trial in others if adds_a_ramp(trial.candidate.effect)]
+        entries = [e for e in self.screens[0].entries if adds_a_constant(e.candidate.effect)]
+        return [Trial(e.candidate, e.sizes, ()) for e in entries if e.candidate.site in sites]
 
     def _leaves_most(self, proofs: Sequence[Proof]) -> bool:
         """Whether the accepted law takes little of the errors of a simulation, and what it leaves lasts."""
