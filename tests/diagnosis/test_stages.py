@@ -236,7 +236,7 @@ def test_leaders_in_open_loop_are_simulated_where_nothing_is_enough(
 
 
 def test_constant_is_simulated_where_a_ramp_leads(monkeypatch: Any) -> None:
-    """A screen may leave a constant to the parameters: it has no trial there, and the one at its place has."""
+    """A screen may leave a constant to the parameters: it has no trial there, the one at its place has."""
 
     def entry(label: str, site: str) -> Any:
         candidate = SimpleNamespace(label=label, effect=label, site=site)
