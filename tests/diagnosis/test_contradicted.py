@@ -136,6 +136,24 @@ def test_two_columns_in_the_place_of_each_other_are_told(vessels, signals):
     assert f"Exchange the columns of {signals[0]} and {signals[1]}" in found.next_experiment
 
 
+def test_columns_stand_in_each_others_place_beside_a_third_that_is_followed_as_it_is():
+    text = VESSELS.replace(
+        b"equation",
+        b"""  parameter Real k3(unit = "1/h", min = 0) = 0.2 annotation(__Daest(estimate = true));
+  output Real m3(unit = "kg", start = 0);
+equation
+  der(m3) = P - k3*m3;""",
+    )
+    flat, rng, time = compile_text(text, Path("Vessels.mo")), np.random.default_rng(4), np.arange(600.0)
+    inputs = np.repeat(rng.uniform(0.0, 1.0, (30, 3)), 20, axis=0)
+    names = ("q1", "q2", "P"), ("m1", "m2", "m3")
+    experiment = Experiment("run", time, inputs, np.zeros((600, 3)), *names)
+    made = simulate(flat, experiment, theta=np.array([0.08, 0.03, 0.25])).outputs
+    spoilt = replace(experiment, outputs=made[:, [1, 0, 2]] + 0.1 * rng.normal(size=(600, 3)))
+    told = contradicted(flat, [spoilt], [spoilt], None)
+    assert told is not None and "m1 and m2 stand in each other's place" in told.message
+
+
 def test_columns_are_not_in_each_others_place_where_something_else_is_wrong(vessels):
     flat, experiment = vessels
     assert contradicted(flat, [experiment], [experiment], None) is None

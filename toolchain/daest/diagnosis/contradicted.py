@@ -20,7 +20,7 @@ from daest.diagnosis.stand import quiet, without_noises
 from daest.estimation.identify import identify
 from daest.model.diagnosis import Diagnosis, Screen
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, IdentifyOptions, error_ratios
+from daest.model.fit import FitResult, IdentifyOptions, ratios_by_output
 from daest.model.flat import FlatModel, Model
 from daest.model.holds import Hold
 
@@ -56,8 +56,8 @@ def _exchanged(
     silent: Model, given: FitResult, experiments: Sequence[Experiment], pairs: Sequence[Exchange]
 ) -> tuple[FitResult, str, str] | None:
     """The fit with the columns of one of the `pairs` exchanged, what is told of it, and how to mend it, where
-    a simulation of the recordings as they are misses an output and all are simulated far better with these
-    two the other way round; else None."""
+    a simulation of the recordings as they are misses an output and all that this concerns are simulated far
+    better with these two the other way round; else None."""
     fits = given.simulated["estimation"].fit_percent
     if min((percent or 0.0) for percent in fits.values()) > GATES.min_driven_fit:
         return None
@@ -66,12 +66,20 @@ def _exchanged(
     for pair in pairs:
         with suppress(*FAILURES):
             better = identify(silent, [pair.mended(e) for e in experiments], options)
-            ratios = error_ratios(given.simulated, better.simulated, "estimation")
-            if better.log_likelihood > least and max(ratios, default=1.0) < GATES.max_told_ratio:
+            if better.log_likelihood > least and _are_better(given, better, pair):
                 one, other = pair.signals
                 how = f"Exchange the columns of {one} and {other} in daest.toml, or the signals in the model."
                 return better, f"{one} and {other} stand in each other's place", how
     return None
+
+
+def _are_better(given: FitResult, better: FitResult, pair: Exchange) -> bool:
+    """Whether the outputs of a pair are simulated far better the other way round, and the others not worse;
+    of inputs all outputs far better. A sensor beside two others that are exchanged may be followed as it is."""
+    ratios = ratios_by_output(given.simulated, better.simulated, "estimation")
+    concerned = [name for name in ratios if name in pair.signals] or list(ratios)
+    far = max((ratios[name] for name in concerned), default=1.0) < GATES.max_told_ratio
+    return far and all(ratio < 1.0 + GATES.clear_unseen_error for ratio in ratios.values())
 
 
 def _what(found: Sequence[Contradiction]) -> tuple[str, str]:
