@@ -166,8 +166,8 @@ def test_columns_are_not_in_each_others_place_where_something_else_is_wrong(vess
 
 @pytest.mark.parametrize(("gain", "is_told"), [(-2300.0, True), (-2500.0, False)])
 def test_likelihoods_in_two_units_are_compared_per_unit(case, monkeypatch, gain, is_told):
-    """A sensor in radians that is taken for degrees: 600 samples in degrees are less likely by 600 log(57) for
-    that alone, which is no reason to leave it at radians."""
+    """A sensor in radians that is taken for degrees: 600 samples in degrees are less likely by 600 log(57)
+    for that alone, which is no reason to leave it at radians."""
     flat, experiment = case
     name = experiment.output_names[V]
     one = Contradiction(name, 180.0 / np.pi, "is 57.3 times as small as in the model")
