@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from oscillator import OSCILLATOR, record
 
-from daest.data.contradictions import Exchange, contradictions, exchanges
+from daest.data.contradictions import Contradiction, Exchange, contradictions, exchanges
+from daest.diagnosis import contradicted as module
 from daest.diagnosis.contradicted import contradicted
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.improve import improve
@@ -136,11 +138,52 @@ def test_two_columns_in_the_place_of_each_other_are_told(vessels, signals):
     assert f"Exchange the columns of {signals[0]} and {signals[1]}" in found.next_experiment
 
 
+def test_columns_stand_in_each_others_place_beside_a_third_that_is_followed_as_it_is():
+    text = VESSELS.replace(
+        b"equation",
+        b"""  parameter Real k3(unit = "1/s", min = 0) = 0.2
+    annotation(__Daest(estimate = true));
+  output Real m3(unit = "kg", start = 0);
+equation
+  der(m3) = P - k3*m3;""",
+    )
+    flat, rng, time = compile_text(text, Path("Vessels.mo")), np.random.default_rng(4), np.arange(600.0)
+    inputs = np.repeat(rng.uniform(0.0, 1.0, (30, 3)), 20, axis=0)
+    names = ("q1", "q2", "P"), ("m1", "m2", "m3")
+    experiment = Experiment("run", time, inputs, np.zeros((600, 3)), *names)
+    made = simulate(flat, experiment, theta=np.array([0.08, 0.03, 0.25])).outputs
+    spoilt = replace(experiment, outputs=made[:, [1, 0, 2]] + 0.1 * rng.normal(size=(600, 3)))
+    told = contradicted(flat, [spoilt], [spoilt], None)
+    assert told is not None and "m1 and m2 stand in each other's place" in told.message
+
+
 def test_columns_are_not_in_each_others_place_where_something_else_is_wrong(vessels):
     flat, experiment = vessels
     assert contradicted(flat, [experiment], [experiment], None) is None
     drained = replace(experiment, outputs=np.minimum(experiment.outputs, [5.0, 60.0]))
     assert contradicted(flat, [drained], [drained], None) is None
+
+
+@pytest.mark.parametrize(("gain", "is_told"), [(-2300.0, True), (-2500.0, False)])
+def test_likelihoods_in_two_units_are_compared_per_unit(case, monkeypatch, gain, is_told):
+    """A sensor in radians that is taken for degrees: 600 samples in degrees are less likely by 600 log(57)
+    for that alone, which is no reason to leave it at radians."""
+    flat, experiment = case
+    name = experiment.output_names[V]
+    one = Contradiction(name, 180.0 / np.pi, "is 57.3 times as small as in the model")
+    assert 2300.0 < experiment.n_samples * np.log(180.0 / np.pi) < 2500.0
+
+    def fit(log_likelihood, percent):
+        simulated = {
+            "estimation": SimpleNamespace(fit_percent=dict.fromkeys(experiment.output_names, percent))
+        }
+        return SimpleNamespace(log_likelihood=log_likelihood, simulated=simulated)
+
+    fits = iter([fit(0.0, 40.0), fit(gain, 95.0)])
+    monkeypatch.setattr(module, "contradictions", lambda *_: [one])
+    monkeypatch.setattr(module, "identify", lambda *_, **__: next(fits))
+    monkeypatch.setattr(module, "_told", lambda *_: "told")
+    assert contradicted(flat, [experiment], [experiment], None) == ("told" if is_told else None)
 
 
 def test_a_recording_that_contradicts_nothing_is_looked_into(case):

@@ -205,7 +205,7 @@ def test_leaders_in_open_loop_are_simulated_where_nothing_is_enough(
     monkeypatch: Any, proofs: Any, wanted: Any, n_leaders: int
 ) -> None:
     every = [
-        SimpleNamespace(candidate=SimpleNamespace(label=name, effect=name))
+        SimpleNamespace(candidate=SimpleNamespace(label=name, effect=name, site=name), sizes=(0.0,))
         for name in ("friction", "dead zone", "load", "spring", "lag")
     ]
     leaders = every[:n_leaders]
@@ -218,9 +218,10 @@ def test_leaders_in_open_loop_are_simulated_where_nothing_is_enough(
     before = SimpleNamespace(simulated={"validation": Agreement({}, {"y": 2.0})})
     stand = SimpleNamespace(reference=SimpleNamespace(simulated="errors", fit=before))
     nothing = cast(Any, None)
-    used = SimpleNamespace(entries=leaders)
+    used, found = SimpleNamespace(entries=leaders), SimpleNamespace(entries=[])
+    monkeypatch.setattr(course_module, "adds_a_ramp", lambda _: False)
     course = Course(
-        cast(Any, stand), nothing, nothing, cast(Any, (None, used)), (), (), DiagnoseOptions(), nothing,
+        cast(Any, stand), nothing, nothing, cast(Any, (found, used)), (), (), DiagnoseOptions(), nothing,
         nothing, nothing,
     )  # fmt: skip
     asked: list[Any] = []
@@ -232,6 +233,29 @@ def test_leaders_in_open_loop_are_simulated_where_nothing_is_enough(
 
     found = course._with_leaders_in_use(cast(Any, SimpleNamespace(shown_by_leaders=shown)), proofs)
     assert (found, asked) == ((proofs, []) if wanted is None else ("shown", wanted))
+
+
+def test_constant_is_simulated_where_a_ramp_leads(monkeypatch: Any) -> None:
+    """A screen may leave a constant to the parameters: it has no trial there, the one at its place has."""
+
+    def entry(label: str, site: str) -> Any:
+        candidate = SimpleNamespace(label=label, effect=label, site=site)
+        return SimpleNamespace(candidate=candidate, sizes=(2.0,))
+
+    monkeypatch.setattr(course_module, "adds_a_constant", lambda effect: effect == "offset")
+    monkeypatch.setattr(course_module, "adds_a_ramp", lambda effect: effect == "drift")
+    entries = [entry("drift", "inflow"), entry("offset", "level"), entry("offset", "inflow")]
+    nothing = cast(Any, None)
+    course = Course(
+        nothing, nothing, nothing, cast(Any, (SimpleNamespace(entries=entries), None)), (), (),
+        DiagnoseOptions(), nothing, nothing, nothing,
+    )  # fmt: skip
+    others = cast(Any, [entry("drift", "inflow"), entry("play", "level")])
+    found = course._constants_for(others)
+    assert [(one.candidate.label, one.candidate.site, one.sizes) for one in found] == [
+        ("offset", "inflow", (2.0,))
+    ]
+    assert course._constants_for(others[1:]) == []
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from daest.errors import ModelError
 from daest.modelica import effects
 from daest.modelica.effects import (
     adds_a_constant,
+    adds_a_ramp,
     effect_library,
     effect_model,
     find_effect,
@@ -170,6 +171,11 @@ def test_loads_and_offsets_add_a_constant() -> None:
         "Hydraulic.ConstantFlow",
         "Signals.Offset",
     }
+
+
+def test_a_drift_adds_a_ramp() -> None:
+    """Not a parameter that drifts, which acts by what it multiplies."""
+    assert [effect.name for effect in effect_library() if adds_a_ramp(effect)] == ["Drift"]
 
 
 def written(folder: Path, text: str) -> Path:

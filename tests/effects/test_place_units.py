@@ -226,6 +226,38 @@ def test_the_rates_of_a_model_tell_its_clock_where_no_balance_does(tmp_path, cha
     assert clock_unit(compile_model(file)) == clock
 
 
+WASHED_OUT = """\
+model WashedOut
+  parameter Real M(unit = "kmol") = 3;
+  parameter Real a(unit = "1") = 2.4;
+  input Real F(unit = "kmol/h");
+  input Real z(unit = "1");
+  Real x(unit = "1", start = 0.5);
+  output Real y(unit = "1");
+equation
+  y = a*x/(1 + (a - 1)*x);
+  M*der(x) = F*(z - x) - F*y;
+end WashedOut;
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "clock"),
+    [
+        (("", ""), "h"),
+        (('"kmol/h"', '"kmol/min"'), "min"),
+        (('F(unit = "kmol/h")', "F"), "s"),
+        (("F*(z - x)", "F/3600*(z - x)"), "h"),  # 3600 might be a conversion: F*y tells
+        (("F*(z - x) - F*y", "F/3600*(z - x)"), "s"),
+        (('"kmol")', '"kg")'), "s"),
+    ],
+)
+def test_flows_that_are_inputs_tell_the_clock_where_no_balance_of_parameters_does(tmp_path, change, clock):
+    file = tmp_path / "WashedOut.mo"
+    file.write_text(WASHED_OUT.replace(*change))
+    assert clock_unit(compile_model(file)) == clock
+
+
 OWN_UNITS = """\
 model Own
   parameter Real J(unit = "kg.m2") = 2;

@@ -210,10 +210,7 @@ def clock_findings(table: Table, clock: str, name: str | None = None) -> list[Fi
     column = counted_column(table, clock, name)
     if column is None:
         return []
-    text = (
-        f"is read in {clock}, in which the balances of the model count time, as the units of its parameters "
-        "tell"
-    )
+    text = f"is read in {clock}, in which the balances of the model count time, as its units tell"
     return [Finding("check-model-clock", "note", column.name, text)]
 
 

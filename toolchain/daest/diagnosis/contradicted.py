@@ -20,7 +20,7 @@ from daest.diagnosis.stand import quiet, without_noises
 from daest.estimation.identify import identify
 from daest.model.diagnosis import Diagnosis, Screen
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, IdentifyOptions, error_ratios
+from daest.model.fit import FitResult, IdentifyOptions, ratios_by_output
 from daest.model.flat import FlatModel, Model
 from daest.model.holds import Hold
 
@@ -47,7 +47,8 @@ def contradicted(
             exchanged = _exchanged(silent, given, experiments, pairs)
             return exchanged and _told(given, *exchanged, time.perf_counter() - began)
         better = identify(silent, [all_mended(e, found) for e in experiments], options)
-        if better.log_likelihood > given.log_likelihood + len(found) and _is_why(given, better, found):
+        gain = better.log_likelihood + _of_scales(experiments, found) - given.log_likelihood
+        if gain > len(found) and _is_why(given, better, found):
             return _told(given, better, *_what(found), time.perf_counter() - began)
     return None
 
@@ -56,8 +57,8 @@ def _exchanged(
     silent: Model, given: FitResult, experiments: Sequence[Experiment], pairs: Sequence[Exchange]
 ) -> tuple[FitResult, str, str] | None:
     """The fit with the columns of one of the `pairs` exchanged, what is told of it, and how to mend it, where
-    a simulation of the recordings as they are misses an output and all are simulated far better with these
-    two the other way round; else None."""
+    a simulation of the recordings as they are misses an output and all that this concerns are simulated far
+    better with these two the other way round; else None."""
     fits = given.simulated["estimation"].fit_percent
     if min((percent or 0.0) for percent in fits.values()) > GATES.min_driven_fit:
         return None
@@ -66,17 +67,37 @@ def _exchanged(
     for pair in pairs:
         with suppress(*FAILURES):
             better = identify(silent, [pair.mended(e) for e in experiments], options)
-            ratios = error_ratios(given.simulated, better.simulated, "estimation")
-            if better.log_likelihood > least and max(ratios, default=1.0) < GATES.max_told_ratio:
+            if better.log_likelihood > least and _are_better(given, better, pair):
                 one, other = pair.signals
                 how = f"Exchange the columns of {one} and {other} in daest.toml, or the signals in the model."
                 return better, f"{one} and {other} stand in each other's place", how
     return None
 
 
+def _are_better(given: FitResult, better: FitResult, pair: Exchange) -> bool:
+    """Whether the outputs of a pair are simulated far better the other way round, and the others not worse;
+    of inputs all outputs far better. A third sensor may be followed as it is."""
+    ratios = ratios_by_output(given.simulated, better.simulated, "estimation")
+    concerned = [name for name in ratios if name in pair.signals] or list(ratios)
+    far = max((ratios[name] for name in concerned), default=1.0) < GATES.max_told_ratio
+    return far and all(ratio < 1.0 + GATES.clear_unseen_error for ratio in ratios.values())
+
+
 def _what(found: Sequence[Contradiction]) -> tuple[str, str]:
     """What is told of contradictions, and how to mend them."""
     return "; ".join(f"{one.signal} {one.text}" for one in found), " ".join(_how(one) for one in found)
+
+
+def _of_scales(experiments: Sequence[Experiment], found: Sequence[Contradiction]) -> float:
+    """What the density of the samples gains by the scale alone of outputs that are mended: in degrees a
+    reading is 57 times as far spread as in radians, and each of its samples that much less dense."""
+    known = [
+        (e.outputs[:, e.output_names.index(c.signal)], c)
+        for c in found
+        for e in experiments
+        if c.signal in e.output_names
+    ]
+    return sum(float(np.isfinite(values).sum()) * np.log(abs(c.factor)) for values, c in known)
 
 
 def _is_why(given: FitResult, better: FitResult, found: Sequence[Contradiction]) -> bool:

@@ -12,6 +12,7 @@ from daest.diagnosis.dead_times import DELAY
 from daest.diagnosis.disturbance import SmoothedLoad
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.late_signals import late_signals
+from daest.diagnosis.near_given import are_driven_off, fit_near_given
 from daest.diagnosis.open_loop import open_screen
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.pieces import in_pieces
@@ -63,7 +64,7 @@ from daest.diagnosis.trials import Prepared, Trial, clipping_trials, n_seats, tr
 from daest.model.diagnosis import Candidate, Proof, Screen, Unproved
 from daest.model.effects import Effect, Site
 from daest.model.fit import FitResult, error_ratios
-from daest.modelica.effects import adds_a_constant
+from daest.modelica.effects import adds_a_constant, adds_a_ramp
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers
 
@@ -111,6 +112,7 @@ class Course:
         proofs = self._with_lag_told_apart(stages, proofs)
         proofs = stages.shown_in_use(proofs)
         proofs = self._with_leaders_in_use(stages, proofs)
+        proofs = self._with_leaders_near_given(proofs)
         proofs = stages.steadied(proofs)
         order = ranked(proofs)
         is_whole = not stages.late and None not in fits
@@ -135,9 +137,9 @@ class Course:
             return ranked(found), not stages.late
         return tuple(proofs), False
 
-    def _stages(self) -> Stages:
+    def _stages(self, stand: Stand | None = None) -> Stages:
         loads, found = self.loads, self.screens[0]
-        search = Search(self.stand, loads.run, self.load, loads.form, found.n_screened)
+        search = Search(stand or self.stand, loads.run, self.load, loads.form, found.n_screened)
         return Stages(search, self.pool, self.options, self.progress, simulated=self.simulated)
 
     def _of_leaders(
@@ -295,8 +297,40 @@ class Course:
             # Errors that a few steps of an input leave count as few samples: no law stands out among many.
             others = _without_constants(every)[:MOST_IN_USE]
         judged = [p.candidate for p in proofs if p.verdict != "rejected" or p.in_use.n_independent]
+        constants += _untried(self._constants_for(others), [one.candidate for one in constants])
         wanted = _untried([*constants, *others], judged)
         return stages.shown_by_leaders(self.stand, wanted[:MOST_IN_PIECES], proofs)
+
+    def _with_leaders_near_given(self, proofs: list[Proof]) -> list[Proof]:
+        """All laws, with those that a simulation shows of the leaders of the screen in open loop near the
+        given values of the parameters, where what is missing has driven these off and no law is accepted that
+        is enough."""
+        stand, reference = self.stand, self.stand.reference
+        if self.screens[1] is None or reference is None or reference.simulated is None:
+            return proofs
+        given = {p.name: p.value for p in stand.declared.parameters if p.name in stand.null.estimated}
+        if not are_driven_off(reference.start_in_use.theta, given):
+            return proofs
+        if not (self._is_open(proofs) or self._leaves_most(proofs)):
+            return proofs
+        near = fit_near_given(stand.null, given)
+        used = None if near is None else open_screen(stand.null, near, self.candidates, self.options.seed)
+        if used is None:
+            return proofs
+        leaders = _leaders_in_use(used, MOST_IN_PIECES)
+        begun = replace(stand, reference=replace(reference, opened=near))
+        # Refits from where the model was driven off to are no starts.
+        others = [p for p in proofs if p.verdict != "rejected" or _untried(leaders, [p.candidate]) == leaders]
+        found = self._stages(begun).shown_by_leaders(begun, leaders, others)
+        names = {proof.candidate.name for proof in found}
+        return [*(p for p in proofs if p.candidate.name not in names), *found]
+
+    def _constants_for(self, others: Sequence[Trial]) -> list[Trial]:
+        """The constants where ramps lead: over one recording a ramp is much of a constant. The screens may
+        leave a constant to the parameters, to which a growing store gives nearly all that it does."""
+        sites = [trial.candidate.site for trial in others if adds_a_ramp(trial.candidate.effect)]
+        entries = [e for e in self.screens[0].entries if adds_a_constant(e.candidate.effect)]
+        return [Trial(e.candidate, e.sizes, ()) for e in entries if e.candidate.site in sites]
 
     def _leaves_most(self, proofs: Sequence[Proof]) -> bool:
         """Whether the accepted law takes little of the errors of a simulation, and what it leaves lasts."""

@@ -23,14 +23,22 @@ def clock_unit(flat: FlatModel) -> str:
 
     In `C*der(T) = a*Q` the unit of C over that of a, times that of T over that of Q, is the unit of time.
     That is told where no number stands before either of them, which might be a conversion, and where all
-    such pairs of terms agree. Where there is none, as in `der(X) = mu*S/(K + S)*X`, the rates and times among
-    the parameters tell, if nothing of the model has any other unit of time in it.
+    such pairs of terms agree. Where there is none, pairs with variables in their factors tell, as flows in
+    kmol/h do in `M*der(x) = F*(z - x)` with M in kmol; they are less certain, for units of what is multiplied
+    are often left out. Where these tell nothing either, as in `der(X) = mu*S/(K + S)*X`, the rates and times
+    among the parameters do, if nothing of the model has any other unit of time in it.
     """
     if not _has_longer_unit(flat):
         return "s"
-    told = list(_told(flat)) or _of_parameters(flat)
-    agree = bool(told) and np.allclose(told, told[0], rtol=_TOLERANCE, atol=0.0)
-    return _CLOCKS.get(round(told[0]), "s") if agree else "s"
+    told = list(_told(flat, _is_given))
+    if not told:
+        moving = list(_told(flat, _is_of_known_units))
+        told = moving if _agree(moving) else _of_parameters(flat)
+    return _CLOCKS.get(round(told[0]), "s") if _agree(told) else "s"
+
+
+def _agree(told: Sequence[float]) -> bool:
+    return bool(told) and np.allclose(told, told[0], rtol=_TOLERANCE, atol=0.0)
 
 
 def model_clock(flat: Model) -> str:
@@ -72,19 +80,38 @@ def _of_parameters(flat: FlatModel) -> list[float]:
     return [in_base_units(*symbols)] if rates and is_alone and "min" not in symbols else []
 
 
-def _told(flat: FlatModel) -> Iterator[float]:
-    """The seconds in the unit of time, as every rate tells beside every other term of its row; not those of
-    loads and effects that were put in, whose units are not the model's."""
-    put_in = _put_in(flat)
-    known = [*flat.unknowns, *flat.inputs]
-    units = ["" if x.name.partition(".")[0] in put_in else x.unit for x in known]
+def _told(flat: FlatModel, speaks: Callable[[FlatModel, ca.SX], bool]) -> Iterator[float]:
+    """The seconds in the unit of time, as every rate tells beside every other term of its row whose factor
+    `speaks`; not those of loads and effects that were put in, whose units are not the model's."""
+    units = _own_units(flat)
     rates = ca.jacobian(flat.residual, flat.derivatives)
     terms = ca.jacobian(flat.residual, ca.vertcat(flat.xi, flat.u))
     for row, variable in zip(*rates.sparsity().get_triplet(), strict=True):
         for at in terms[row, :].sparsity().get_triplet()[1]:
             pair = [rates[row, variable], terms[row, at]]
-            if units[variable] and units[at] and is_of_parameters(flat, ca.vertcat(*pair)):
+            if units[variable] and units[at] and speaks(flat, ca.vertcat(*pair)):
                 yield from _seconds(flat, pair, units[variable], units[at])
+
+
+def _own_units(flat: FlatModel) -> list[str]:
+    """The units of the unknowns and inputs; none of those that were put in."""
+    put_in = _put_in(flat)
+    known = [*flat.unknowns, *flat.inputs]
+    return ["" if x.name.partition(".")[0] in put_in else x.unit for x in known]
+
+
+def _is_given(flat: FlatModel, factors: ca.SX) -> bool:
+    return is_of_parameters(flat, factors)
+
+
+def _is_of_known_units(flat: FlatModel, factors: ca.SX) -> bool:
+    """Whether every variable in the factors tells its unit."""
+    untold = [x for x, unit in zip(_variables(flat), _own_units(flat), strict=True) if not unit]
+    return not ca.depends_on(factors, ca.vertcat(flat.derivatives, flat.w, flat.time, *untold))
+
+
+def _variables(flat: FlatModel) -> list[ca.SX]:
+    return ca.vertsplit(ca.vertcat(flat.xi, flat.u))
 
 
 def _put_in(flat: FlatModel) -> frozenset[str]:
@@ -95,10 +122,12 @@ def _put_in(flat: FlatModel) -> frozenset[str]:
 def _seconds(flat: FlatModel, pair: Sequence[ca.SX], unit: str, beside: str) -> Iterator[float]:
     """The seconds in the unit of time by a `pair` of factors, of the rate of what is in `unit` and of what is
     in `beside`. Nothing where a number stands in them, or where they tell no time."""
-    values = ca.Function("values", [flat.theta], pair)
+    values = ca.Function("values", [flat.theta, ca.vertcat(flat.xi, flat.u)], pair)
+    own = _own_units(flat)
 
     def ratio(size: Callable[[str], float]) -> float:
-        over, under = (float(one) for one in values([size(p.unit) for p in flat.parameters]))
+        sizes = [size(p.unit) for p in flat.parameters], [size(unit) for unit in own]
+        over, under = (float(one) for one in values(*sizes))
         return abs(over * size(unit) / (under * size(beside))) if under else 0.0
 
     def changed(unit: str) -> float:

@@ -189,10 +189,23 @@ def adds_a_constant(effect: Effect) -> bool:
     """Whether a constant is all that an effect adds, whatever anything does: a load, a zero that is off."""
     if len(effect.parameters) != 1 or not effect.sizes:
         return False
+    slope, time, rest = _slope(effect)
+    return not ca.depends_on(slope, ca.vertcat(time, rest))
+
+
+def adds_a_ramp(effect: Effect) -> bool:
+    """Whether what an effect adds runs with the time, whatever anything else does."""
+    if len(effect.parameters) != 1 or not effect.sizes:
+        return False
+    slope, time, rest = _slope(effect)
+    return ca.depends_on(slope, time) and not ca.depends_on(slope, rest)
+
+
+def _slope(effect: Effect) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """What the equations of an effect change with its parameters, the time, and all else that they hold."""
     derivatives, xi, w, theta, time = effect_model(effect).function.sx_in()
     residual = effect_model(effect).function(derivatives, xi, w, theta, time)[0]
-    slope = ca.jacobian(residual, theta)
-    return not ca.depends_on(slope, ca.veccat(derivatives, xi, w, theta, time))
+    return ca.jacobian(residual, theta), time, ca.veccat(derivatives, xi, w, theta)
 
 
 def _names(libraries: Sequence[str | Path]) -> tuple[str, ...]:
