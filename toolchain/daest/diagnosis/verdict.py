@@ -13,7 +13,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.held_values import OtherValue
 from daest.diagnosis.load_starts import LoadStart, takes_over
 from daest.diagnosis.noise_level import RECORDED, simulates_to_noise
-from daest.diagnosis.null import Null
+from daest.diagnosis.null import Null, slowest_at
 from daest.diagnosis.ranking import errors_last, is_settled
 from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.recorded_late import EarlierInputs
@@ -360,11 +360,28 @@ def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
     near = [p for p in evidence.proofs if p.delta_bic > GATES.min_told_bic_gain]
     if evidence.screen.p_value < GATES.missing_level and near:
         return _not_proven(evidence, near)
+    slow = slowest_at(loads.null, _largest_load(loads).group)
+    if slow is not None:
+        return _too_slow_to_tell(evidence, loads, slow)
     return Decided(
         "external disturbance",
         f"An unexplained load acts at {_load_places(loads)}, but it is related to no variable of the "
         "model and no effect of the library explains it." + foreseen_by(evidence, None),
         "Repeat the same experiment: what comes back in the same way belongs to the machine.",
+    )
+
+
+def _too_slow_to_tell(evidence: Evidence, loads: Loads, time_constant: float) -> Decided:
+    """An external disturbance that may as well be none: with a load that comes and goes hardly once, its
+    relation to any variable is told by hardly one sample."""
+    slow = spoken_duration(time_constant, evidence.clock)
+    return Decided(
+        "external disturbance",
+        f"An unexplained load acts at {_load_places(loads)}, and no effect of the library explains it. It "
+        f"changes so slowly (over {slow} and more) that these recordings hardly tell whether it follows a "
+        "variable of the model." + foreseen_by(evidence, None),
+        f"Record for several times as long, and change what the machine does every {slow} or so: a law "
+        "comes back with its variable, a load from outside does not.",
     )
 
 
@@ -888,8 +905,12 @@ def _is_coloured(loads: Loads) -> bool:
 
 
 def _load_places(loads: Loads) -> str:
-    found = [g for g in loads.gains if g.log_likelihood_gain > GATES.min_load_gain] or list(loads.gains)
-    return _group(max(found, key=lambda g: g.log_likelihood_gain))
+    return _group(_largest_load(loads))
+
+
+def _largest_load(loads: Loads) -> PlaceGain:
+    """The place whose load the data ask for most."""
+    return max(loads.gains, key=lambda g: g.log_likelihood_gain)
 
 
 def _group(gain: PlaceGain) -> str:
