@@ -78,3 +78,4 @@ def test_a_lag_is_no_limit_of_the_rate(tmp_path) -> None:
 def test_a_voltage_that_is_followed_at_once_lacks_nothing(tmp_path) -> None:
     found = diagnosed(tmp_path, recorded(late, 0.0, 2))
     assert found.verdict == "nothing missing", found.message
+    assert "Saturation at u (limit = " in found.message  # a share alone would tell nothing

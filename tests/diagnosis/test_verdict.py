@@ -504,7 +504,9 @@ def test_a_load_as_slow_as_can_be_is_not_said_to_be_unrelated(time_constant, is_
     """Of a record of 900 s: such a load comes and goes hardly once."""
     found = decide(evidence(time_constant=time_constant))
     assert found.name == "external disturbance"
-    assert ("so slowly (over 3.75 min and more) that these recordings hardly tell" in found.message) == is_slow
+    assert (
+        "so slowly (over 3.75 min and more) that these recordings hardly tell" in found.message
+    ) == is_slow
     assert ("related to no variable" in found.message) != is_slow
     assert found.next_experiment.startswith("Record for several times as long") == is_slow
 

@@ -21,7 +21,16 @@ from daest.diagnosis.screen import NullObserver, promising_pairs
 from daest.diagnosis.unseen import is_better, is_likelier, is_silent, is_worse
 from daest.estimation.gates import FIT
 from daest.estimation.signals import still_share
-from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Screened, Unproved, VerdictName
+from daest.model.diagnosis import (
+    Candidate,
+    FreeForm,
+    PlaceGain,
+    Proof,
+    Screen,
+    Screened,
+    Unproved,
+    VerdictName,
+)
 from daest.model.effects import Domain
 from daest.model.fit import Agreement, FitResult, error_ratios, most_lasting, ratios_by_output
 from daest.model.flat import FlatModel
@@ -752,7 +761,7 @@ def _nothing(evidence: Evidence) -> Decided:
     smallest: dict[str, str] = {}
     for entry in seen:
         size = entry.candidate.effect.sizes[0]
-        law, label = entry.candidate.effect.name, entry.candidate.label
+        law, label = entry.candidate.effect.name, entry.candidate.label + _of_form(entry.candidate)
         unit = "" if entry.candidate.size_unit == "1" else entry.candidate.size_unit
         smallest.setdefault(law, f"{label} from {size.name} = {entry.detectable:.2g} {unit}".rstrip())
     shown = "; ".join(list(smallest.values())[:4])
@@ -771,6 +780,18 @@ def _nothing(evidence: Evidence) -> Decided:
         + _still_significant(evidence)
         + f" It would have shown, for instance: {shown}.",
     )
+
+
+def _of_form(candidate: Candidate) -> str:
+    """The form of a law whose size is a share, which tells nothing without it: where a signal is cut."""
+    if not candidate.effect.sizes[0].is_share:
+        return ""
+    forms = [
+        f"{p.name} = {candidate.shape[p.name]:.3g} {candidate.units.get(p.name) or p.unit}".rstrip()
+        for p in candidate.effect.parameters
+        if p.role == "shape" and p.estimate and p.name in candidate.shape
+    ]
+    return f" ({', '.join(forms)})" if forms else ""
 
 
 def _likelier(evidence: Evidence) -> list[Proof]:
