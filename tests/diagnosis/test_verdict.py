@@ -52,20 +52,24 @@ def proof(name="CoulombFriction", verdict="supported", simulated=0.1):
 
 def evidence(
     *, proofs=(), p_value=1e-6, gain=100.0, size=0.1, simulated=1.0, innovations=WHITE, related=False,
-    parameters=(), fitted=None, observer=1.0,
+    parameters=(), fitted=None, observer=1.0, time_constant=1.0,
 ):  # fmt: skip
     entry = Screened(candidate("CoulombFriction"), 6.0, (0.1,), p_value, False, 0.02)
-    load = Load("load_1", "rotor.flange_a", ("rotor.flange_a",), 1.0, size, "N.m")
+    load = Load("load_1", "rotor.flange_a", ("rotor.flange_a",), time_constant, size, "N.m")
     x = np.linspace(-1.0, 1.0, 16)
     form = FreeForm(
         0, "rotor.flange_a", "rotor.w", "", "N.m", "rad/s", 80.0, 8, 1e-9 if related else 0.3, x, np.sign(x),
         0.1 + 0 * x,
     )  # fmt: skip
+    record = SimpleNamespace(
+        time=np.linspace(0.0, 900.0, 900), outputs=np.arange(900.0)[:, None], median_step=1.0
+    )
     loads = Loads(
         model(),
         SimpleNamespace(
             loads=(load,),
-            experiments=(SimpleNamespace(outputs=np.arange(900.0)[:, None]),),
+            experiments=(record,),
+            slowest=None,
             intensity=np.ones(1),
         ),
         SimpleNamespace(observed=(SimpleNamespace(whitened=innovations),), gain=observer * np.ones((1, 1))),
@@ -452,7 +456,8 @@ def test_errors_that_the_steps_of_a_sensor_make_last_are_no_dynamics(held, name)
 
 
 def replace_outputs(null, outputs):
-    return SimpleNamespace(loads=null.loads, experiments=(SimpleNamespace(outputs=outputs),))
+    record = SimpleNamespace(**{**vars(null.experiments[0]), "outputs": outputs})
+    return SimpleNamespace(**{**vars(null), "experiments": (record,)})
 
 
 @pytest.mark.parametrize(
@@ -503,6 +508,18 @@ def test_inputs_that_are_many_samples_late_are_told_with_the_time():
 def test_unrelated_load_is_external():
     found = decide(evidence())
     assert found.name == "external disturbance" and found.next_experiment.startswith("Repeat")
+
+
+@pytest.mark.parametrize(("time_constant", "is_slow"), [(225.0, True), (220.0, False)])
+def test_a_load_as_slow_as_can_be_is_not_said_to_be_unrelated(time_constant, is_slow):
+    """Of a record of 900 s: such a load comes and goes hardly once."""
+    found = decide(evidence(time_constant=time_constant))
+    assert found.name == "external disturbance"
+    assert (
+        "so slowly (over 3.75 min and more) that these recordings hardly tell" in found.message
+    ) == is_slow
+    assert ("related to no variable" in found.message) != is_slow
+    assert found.next_experiment.startswith("Record for several times as long") == is_slow
 
 
 def test_rejected_proofs_are_no_claim():

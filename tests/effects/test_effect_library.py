@@ -56,7 +56,7 @@ EXPECTED = {
     "Signals": frozenset(
         [
             *("DeadZone", "Saturation", "OneSidedLimit", "Offset", "Gain", "QuadraticGain", "Lag", "Delay"),
-            *("AbsoluteValueSensor", "Drift", "Play", "Crosstalk"),
+            *("AbsoluteValueSensor", "Drift", "Play", "Crosstalk", "RateLimit"),
         ]
     ),
     "General": frozenset(["MeasuredInput", "DriftingParameter", "LearnedCurve"]),
@@ -114,7 +114,8 @@ def test_sizes_have_a_null_and_physical_bounds(effect) -> None:
         if parameter.role == "given":
             assert parameter.given_from
         if parameter.scale_of:
-            assert parameter.scale_of in {"time", *(x.name for x in effect_model(effect).unknowns)}
+            variable = parameter.scale_of.removesuffix("/time")
+            assert variable in {"time", *(x.name for x in effect_model(effect).unknowns)}
         if not parameter.scale_of:
             assert all((low is None or low <= v) and (high is None or v <= high) for v in parameter.grid)
 
@@ -137,7 +138,7 @@ def test_states_and_dynamics() -> None:
     expected |= {"Rotational.FlexibleAppendage": 2, "Translational.FlexibleAppendage": 2}
     expected |= {"Rotational.DraggedInertia": 1, "Translational.DraggedMass": 1}
     expected |= {"Electrical.VoltageRelaxation": 1, "Thermal.ExtraHeatCapacity": 1}
-    expected |= {"Thermal.WallCapacity": 1, "Signals.Play": 1}
+    expected |= {"Thermal.WallCapacity": 1, "Signals.Play": 1, "Signals.RateLimit": 1}
     assert states == expected
     dynamic = {effect.name for effect in EFFECTS if effect.is_dynamic}
     assert dynamic == {

@@ -13,7 +13,7 @@ import numpy as np
 from daest.diagnosis.grown_states import brought_rows, with_integrals
 from daest.errors import DaestError
 from daest.model.diagnosis import Candidate
-from daest.model.effects import Effect, EffectParameter, Placement, Site
+from daest.model.effects import PER_TIME, Effect, EffectParameter, Placement, Site
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.modelica.attach import attach_all, check_values
@@ -466,14 +466,20 @@ def _scale(candidate: Candidate, parameter: EffectParameter, ranges: Mapping[str
     """The largest magnitude of the effect's variable that the grid is relative to; 1 where it is absolute."""
     if not parameter.scale_of:
         return 1.0
-    return ranges.get(scaled_by(candidate, parameter), ranges.get(candidate.site.name, 0.0))
+    of_place = ranges.get(candidate.site.name, 0.0)
+    if parameter.is_scaled_by_rate:
+        longest = ranges.get(TIME, 0.0)
+        return ranges.get(scaled_by(candidate, parameter), of_place) / longest if longest > 0.0 else 0.0
+    return ranges.get(scaled_by(candidate, parameter), of_place)
 
 
 def scaled_by(candidate: Candidate, parameter: EffectParameter) -> str:
     """The name in `ranges` of what the grid of the parameter is relative to."""
-    return TIME if parameter.scale_of == TIME else f"{candidate.name}.{parameter.scale_of}"
+    variable = parameter.scale_of.removesuffix(PER_TIME)
+    return TIME if variable == TIME else f"{candidate.name}.{variable}"
 
 
 def scaled_shapes(candidate: Candidate) -> list[EffectParameter]:
     """The shapes of the effect that are estimated and lie along one of its variables."""
-    return [p for p in candidate.effect.parameters if p.role == "shape" and p.estimate and p.scale_of]
+    shapes = [p for p in candidate.effect.parameters if p.role == "shape" and p.estimate and p.scale_of]
+    return [p for p in shapes if not p.is_scaled_by_rate]

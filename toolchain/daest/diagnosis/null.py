@@ -14,6 +14,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import LoadPlace, load_places, with_loads
 from daest.errors import EstimationError
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.gates import FIT
 from daest.estimation.hold_search import are_steps, moving_inputs, possible_holds, ranked_holds
 from daest.estimation.identify import identify
 from daest.estimation.identify_nonlinear import Refit, WarmStart, search_on
@@ -300,6 +301,14 @@ def _time_constants(experiments: Sequence[Experiment], slowest: float | None = N
     duration = float(sum(e.time[-1] - e.time[0] for e in experiments))
     longest = GATES.longest_load * duration
     return shortest_load(experiments), longest if slowest is None else min(slowest, longest)
+
+
+def slowest_at(null: Null, places: Sequence[str]) -> float | None:
+    """The time constant [s] of the load at one of the `places`, where it is the longest that a load can have:
+    the data would have it slower still. None where it is not."""
+    _, longest = _time_constants(null.experiments, null.slowest)
+    there = [load.time_constant for load in null.loads if not {load.place, *load.places}.isdisjoint(places)]
+    return longest if there and min(there) >= (1.0 - FIT.at_bound) * longest else None
 
 
 def _no_place(flat: FlatModel, nodes: Sequence[Site]) -> EstimationError:

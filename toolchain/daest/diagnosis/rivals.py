@@ -603,9 +603,11 @@ def signal_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Tr
     """The other laws without states for the signal that `best` bends, and its own law for the other signals,
     which were not tried. The screen scores them at hardly any size, where a dead zone is a step; one of a
     third of the range is nearer to a gain that grows with the signal. And what bends the output of a slow
-    machine bends its input as well, unless the data show its transients."""
+    machine bends its input as well, unless the data show its transients. Where `best` makes the signal late
+    and leaves a part, those that bend with states at its place: what is late by more after a larger step
+    follows a limit of its rate."""
     own = best.candidate
-    if not own.is_of_signal or own.is_dynamic:
+    if not own.is_of_signal or (own.is_dynamic and not _is_partial(best)):
         return ()
     known = {(p.candidate.effect.class_name, p.candidate.site.name) for p in tried}
     found: dict[tuple[str, str], Trial] = {}
@@ -614,7 +616,7 @@ def signal_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Tr
         is_mirrored = one.is_of_signal and law[0] == own.effect.class_name
         if law in known or not (one.site == own.site or is_mirrored):
             continue
-        if _is_static(entry):
+        if _is_late_and_bends(one) if own.is_dynamic else _is_static(entry):
             found.setdefault(law, Trial(one, entry.sizes, ()))
     return tuple(found.values())
 
@@ -622,6 +624,16 @@ def signal_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Tr
 def _is_static(entry: Screened) -> bool:
     """Whether a law needs no state and no further signal, and the parameters do not do what it does."""
     return not (entry.candidate.effect.n_states or entry.candidate.inputs or entry.absorbed)
+
+
+def _is_partial(best: Proof) -> bool:
+    """Whether an accepted law leaves a part of the loads, and the errors of its simulation last."""
+    return not best.adds_up and errors_last(best) and best.explained < GATES.all_explained
+
+
+def _is_late_and_bends(one: Candidate) -> bool:
+    """Whether a law of a signal holds it back by states of its own, in a form that is estimated."""
+    return bool(one.effect.n_states) and _has_shapes(one) and not one.is_dynamic
 
 
 def laws_at_its_place(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
@@ -636,7 +648,7 @@ def laws_at_its_place(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tu
     own = best.candidate
     if own.is_of_signal:
         return ()
-    is_partial = not best.adds_up and errors_last(best) and best.explained < GATES.all_explained
+    is_partial = _is_partial(best)
     known = {p.candidate.effect.class_name for p in tried if p.candidate.site == own.site}
     plainer: dict[str, Trial] = {}
     shaped: dict[str, Trial] = {}

@@ -13,7 +13,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.held_values import OtherValue
 from daest.diagnosis.load_starts import LoadStart, takes_over
 from daest.diagnosis.noise_level import RECORDED, simulates_to_noise
-from daest.diagnosis.null import Null
+from daest.diagnosis.null import Null, slowest_at
 from daest.diagnosis.ranking import errors_last, is_settled
 from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.recorded_late import EarlierInputs
@@ -21,7 +21,16 @@ from daest.diagnosis.screen import NullObserver, promising_pairs
 from daest.diagnosis.unseen import is_better, is_likelier, is_silent, is_worse
 from daest.estimation.gates import FIT
 from daest.estimation.signals import still_share
-from daest.model.diagnosis import FreeForm, PlaceGain, Proof, Screen, Screened, Unproved, VerdictName
+from daest.model.diagnosis import (
+    Candidate,
+    FreeForm,
+    PlaceGain,
+    Proof,
+    Screen,
+    Screened,
+    Unproved,
+    VerdictName,
+)
 from daest.model.effects import Domain
 from daest.model.fit import Agreement, FitResult, error_ratios, most_lasting, ratios_by_output
 from daest.model.flat import FlatModel
@@ -367,11 +376,28 @@ def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
     near = [p for p in evidence.proofs if p.delta_bic > GATES.min_told_bic_gain]
     if evidence.screen.p_value < GATES.missing_level and near:
         return _not_proven(evidence, near)
+    slow = slowest_at(loads.null, _largest_load(loads).group)
+    if slow is not None:
+        return _too_slow_to_tell(evidence, loads, slow)
     return Decided(
         "external disturbance",
         f"An unexplained load acts at {_load_places(loads)}, but it is related to no variable of the "
         "model and no effect of the library explains it." + foreseen_by(evidence, None),
         "Repeat the same experiment: what comes back in the same way belongs to the machine.",
+    )
+
+
+def _too_slow_to_tell(evidence: Evidence, loads: Loads, time_constant: float) -> Decided:
+    """An external disturbance that may as well be none: with a load that comes and goes hardly once, its
+    relation to any variable is told by hardly one sample."""
+    slow = spoken_duration(time_constant, evidence.clock)
+    return Decided(
+        "external disturbance",
+        f"An unexplained load acts at {_load_places(loads)}, and no effect of the library explains it. It "
+        f"changes so slowly (over {slow} and more) that these recordings hardly tell whether it follows a "
+        "variable of the model." + foreseen_by(evidence, None),
+        f"Record for several times as long, and change what the machine does every {slow} or so: a law "
+        "comes back with its variable, a load from outside does not.",
     )
 
 
@@ -742,7 +768,7 @@ def _nothing(evidence: Evidence) -> Decided:
     smallest: dict[str, str] = {}
     for entry in seen:
         size = entry.candidate.effect.sizes[0]
-        law, label = entry.candidate.effect.name, entry.candidate.label
+        law, label = entry.candidate.effect.name, entry.candidate.label + _of_form(entry.candidate)
         unit = "" if entry.candidate.size_unit == "1" else entry.candidate.size_unit
         smallest.setdefault(law, f"{label} from {size.name} = {entry.detectable:.2g} {unit}".rstrip())
     shown = "; ".join(list(smallest.values())[:4])
@@ -761,6 +787,18 @@ def _nothing(evidence: Evidence) -> Decided:
         + _still_significant(evidence)
         + f" It would have shown, for instance: {shown}.",
     )
+
+
+def _of_form(candidate: Candidate) -> str:
+    """The form of a law whose size is a share, which tells nothing without it: where a signal is cut."""
+    if not candidate.effect.sizes[0].is_share:
+        return ""
+    forms = [
+        f"{p.name} = {candidate.shape[p.name]:.3g} {candidate.units.get(p.name) or p.unit}".rstrip()
+        for p in candidate.effect.parameters
+        if p.role == "shape" and p.estimate and p.name in candidate.shape
+    ]
+    return f" ({', '.join(forms)})" if forms else ""
 
 
 def _likelier(evidence: Evidence) -> list[Proof]:
@@ -895,8 +933,12 @@ def _is_coloured(loads: Loads) -> bool:
 
 
 def _load_places(loads: Loads) -> str:
-    found = [g for g in loads.gains if g.log_likelihood_gain > GATES.min_load_gain] or list(loads.gains)
-    return _group(max(found, key=lambda g: g.log_likelihood_gain))
+    return _group(_largest_load(loads))
+
+
+def _largest_load(loads: Loads) -> PlaceGain:
+    """The place whose load the data ask for most."""
+    return max(loads.gains, key=lambda g: g.log_likelihood_gain)
 
 
 def _group(gain: PlaceGain) -> str:

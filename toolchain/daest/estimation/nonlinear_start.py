@@ -151,8 +151,8 @@ def with_outgrown_scales(problem: TrajectoryProblem, z: np.ndarray) -> tuple[Tra
 
 def _scale_by_outputs(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
     """The initial value of each state that moves the outputs by as much as is left of them, on average over a
-    record, in the scales of the problem; 1 for a state that moves none. Shapes: z (n_z,); the scales
-    (n_states,)."""
+    record, in the scales of the problem; 1 for a state that moves none, such as one that a stiff law pulls to
+    its place before the first sample is over. Shapes: z (n_z,); the scales (n_states,)."""
     here = objective(problem)(z, True)
     if here is None:
         return np.ones_like(problem.state_scale)
@@ -160,7 +160,7 @@ def _scale_by_outputs(problem: TrajectoryProblem, z: np.ndarray) -> np.ndarray:
     own = np.diagonal(here.information)[n : n + n_experiments * problem.n_states]
     most = np.max(own.reshape(n_experiments, problem.n_states), axis=0)
     longest = max(n_observed([e]) for e in problem.experiments)
-    return np.sqrt(longest / np.where(most > 0.0, most, longest))
+    return np.sqrt(longest / np.where(most > FIT.no_influence * longest, most, longest))
 
 
 def fit_initial_states(

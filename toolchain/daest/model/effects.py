@@ -10,6 +10,7 @@ from typing import Literal
 Domain = Literal["rotational", "translational", "electrical", "thermal", "hydraulic", "signal"]
 Attachment = Literal["connector", "parallel", "series", "signal", "input", "output", "parameter"]
 ParameterRole = Literal["size", "shape", "sharpness", "given"]
+PER_TIME = "/time"  # behind a variable: its largest magnitude in the time of the recording
 SiteKind = Literal[
     "node",
     "component",
@@ -35,7 +36,8 @@ class EffectParameter:
     (rounds a kink; not estimated) or "given" (taken from the parameter `given_from` of the component that
     the effect belongs to; `required` if the effect makes no sense without it). `grid` holds values worth
     trying, in multiples of the largest magnitude of the effect's variable `scale_of`, of the duration of the
-    recording where that is "time", or as they are where it is empty. An element of an array is called `y[1]`.
+    recording where that is "time", of that of `u` in the time of the recording where it is "u/time", or as
+    they are where it is empty. An element of an array is called `y[1]`.
     `proof`, such a multiple, is what a refit takes in place of the values that the screen tries: what lets a
     size of nothing be seen may blur one that is there.
     `signal_unit` is "u", "u/s" or "1/u" for a parameter in the unit of the signal that the effect sits on, in
@@ -68,6 +70,11 @@ class EffectParameter:
     @property
     def is_period_of_time(self) -> bool:
         return self.periods_over == "time"
+
+    @property
+    def is_scaled_by_rate(self) -> bool:
+        """Whether the grid counts in the largest magnitude of a variable in the time of the recording."""
+        return self.scale_of.endswith(PER_TIME)
 
     @property
     def is_share(self) -> bool:
