@@ -115,7 +115,7 @@ def test_sizes_have_a_null_and_physical_bounds(effect) -> None:
             assert parameter.given_from
         if parameter.scale_of:
             variable = parameter.scale_of.removesuffix("/time")
-            assert variable in {"time", *(x.name for x in effect_model(effect).unknowns)}
+            assert variable in {"time", "sample", *(x.name for x in effect_model(effect).unknowns)}
         if not parameter.scale_of:
             assert all((low is None or low <= v) and (high is None or v <= high) for v in parameter.grid)
 

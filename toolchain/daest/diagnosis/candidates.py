@@ -26,6 +26,7 @@ from daest.systems.reduce import chosen_states, reduce_index
 
 MOST_SHAPES = 32  # of one effect at one place: thinned out, periodic effects lose whole phases
 TIME = "time"  # a grid may be relative to it: the duration of the recording
+SAMPLE = "sample"  # the same: its sampling period
 ANGLE = "phi"  # of the body at a place, as the effects that hold it call it
 TURNS_ON = "the body turns on and on: what would hold it ends before"
 MOST_PERIODS = 60  # in a turn, that the data are searched for
@@ -321,11 +322,11 @@ def ranges(
     explicit: ExplicitModel, time: np.ndarray, states: Mapping[str, np.ndarray], inputs: np.ndarray
 ) -> dict[str, float]:
     """Largest magnitude of every internal variable along the trajectory, and its duration [s] as that of
-    `time`. Shapes: time (n_samples,), states (n_samples,) by name, inputs (n_samples, n_u)."""
+    `time`, its sampling period [s] as that of `sample`. Shapes: time (n_samples,), states (n_samples,) by name, inputs (n_samples, n_u)."""
     chosen = np.unique(np.linspace(0, time.size - 1, min(time.size, MOST_POINTS)).astype(int))
     along = courses(explicit, time, states, inputs, chosen)
     reached = {name: float(np.max(np.abs(row), initial=0.0)) for name, row in along.items()}
-    return reached | {TIME: float(np.ptp(time))}
+    return reached | {TIME: float(np.ptp(time)), SAMPLE: float(np.median(np.diff(time)))}
 
 
 def periods(
@@ -476,7 +477,7 @@ def _scale(candidate: Candidate, parameter: EffectParameter, ranges: Mapping[str
 def scaled_by(candidate: Candidate, parameter: EffectParameter) -> str:
     """The name in `ranges` of what the grid of the parameter is relative to."""
     variable = parameter.scale_of.removesuffix(PER_TIME)
-    return TIME if variable == TIME else f"{candidate.name}.{variable}"
+    return variable if variable in (TIME, SAMPLE) else f"{candidate.name}.{variable}"
 
 
 def scaled_shapes(candidate: Candidate) -> list[EffectParameter]:

@@ -36,8 +36,9 @@ class EffectParameter:
     (rounds a kink; not estimated) or "given" (taken from the parameter `given_from` of the component that
     the effect belongs to; `required` if the effect makes no sense without it). `grid` holds values worth
     trying, in multiples of the largest magnitude of the effect's variable `scale_of`, of the duration of the
-    recording where that is "time", of that of `u` in the time of the recording where it is "u/time", or as
-    they are where it is empty. An element of an array is called `y[1]`.
+    recording where that is "time", of its sampling period where that is "sample", of the magnitude of `u` in
+    the time of the recording where it is "u/time", or as they are where it is empty. An element of an array
+    is called `y[1]`.
     `proof`, such a multiple, is what a refit takes in place of the values that the screen tries: what lets a
     size of nothing be seen may blur one that is there.
     `signal_unit` is "u", "u/s" or "1/u" for a parameter in the unit of the signal that the effect sits on, in
