@@ -322,7 +322,8 @@ def ranges(
     explicit: ExplicitModel, time: np.ndarray, states: Mapping[str, np.ndarray], inputs: np.ndarray
 ) -> dict[str, float]:
     """Largest magnitude of every internal variable along the trajectory, and its duration [s] as that of
-    `time`, its sampling period [s] as that of `sample`. Shapes: time (n_samples,), states (n_samples,) by name, inputs (n_samples, n_u)."""
+    `time`, its sampling period [s] as that of `sample`. Shapes: time (n_samples,), states (n_samples,) by
+    name, inputs (n_samples, n_u)."""
     chosen = np.unique(np.linspace(0, time.size - 1, min(time.size, MOST_POINTS)).astype(int))
     along = courses(explicit, time, states, inputs, chosen)
     reached = {name: float(np.max(np.abs(row), initial=0.0)) for name, row in along.items()}
