@@ -20,6 +20,7 @@ from daest.diagnosis.faulty import EMPTY, faults_beside, faults_in_errors, fault
 from daest.diagnosis.free_forms import free_forms, keep_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.held_values import OtherValue, other_value
+from daest.diagnosis.jittered import TRUE_TIMES, Jitter, jitter
 from daest.diagnosis.learned import learned_load, said, with_formula
 from daest.diagnosis.load_starts import starts_from_nowhere
 from daest.diagnosis.next_experiment import Asked, computed
@@ -31,6 +32,7 @@ from daest.diagnosis.ranking import best_accepted, errors_last, is_settled
 from daest.diagnosis.reasons import is_significant, unmoved
 from daest.diagnosis.recorded_late import EarlierInputs, earlier_inputs, gain_of_earlier_inputs
 from daest.diagnosis.screen import NullObserver, run_null, screen
+from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stages import DynamicTasks, dynamic_effects
 from daest.diagnosis.stand import Stand, quiet
 from daest.diagnosis.unseen import innovations
@@ -150,6 +152,9 @@ def _examined(
     message += beside_values
     if decided.name not in ("supported", "nothing missing"):
         message += _said_of_inputs(null, stand.told)
+    off = _off(stand) if decided.name != "supported" else None
+    if off is not None:
+        message += off.told(evidence.clock)
     if decided.name not in EXPLAINED:
         message += verdicts.nearest_in_pieces(decided.proofs, evidence.clock)
         message += verdicts.two_alike(found) if decided.name == "external disturbance" else ""
@@ -166,7 +171,7 @@ def _examined(
         places=gains,
         disturbance=form,
         validation=stand.told.simulated.get("validation"),
-        next_experiment=EMPTY if faults else _next_experiment(stand, decided, options),
+        next_experiment=EMPTY if faults else TRUE_TIMES if off else _next_experiment(stand, decided, options),
         seconds=time.perf_counter() - stand.began,
         learned=learned if decided.name == "unknown effect" else None,
         is_held=not null.estimated,
@@ -174,6 +179,16 @@ def _examined(
         is_by_colour=decided.is_by_colour,
         is_of_starts=decided.is_of_starts,
     )
+
+
+def _off(stand: Stand) -> Jitter | None:
+    """The time stamps that are off, where a simulation shows it."""
+    if stand.reference is None or stand.reference.adds_up:
+        return None
+    with suppress(*FAILURES):
+        found = jitter(stand.null, stand.reference.fit)
+        return found if found is not None and found.is_shown else None
+    return None
 
 
 def _faults_counted(verdict: str, recordings: Sequence[Experiment]) -> str:
