@@ -251,3 +251,19 @@ def test_few_large_errors_leave_a_law_certain_that_takes_them_and_all_others():
     rest = np.where(once > 1.0, 0.2, 1.3)[:, None] * lasting(n, 1)
     partly = in_use(Simulated((before,), (before,)), Simulated((rest,), (rest,)))
     assert partly.certainty < GATES.unseen_significance
+
+
+@pytest.mark.parametrize(("leaves", "is_certain"), [(0.0, True), (0.3, False)])
+def test_one_long_excursion_is_no_chance_where_a_law_leaves_noise_of_it(
+    leaves: float, is_certain: bool
+) -> None:
+    """A fan runs fast once: its drag is nearly all of the error of that recording, and the squares of the
+    error there are as uncertain as a single one."""
+    rng, t = np.random.default_rng(11), np.arange(3000.0)
+    course = 0.2 * np.sin(0.015 * t) + 3.0 * np.exp(-0.5 * ((t - 1500.0) / 200.0) ** 2)
+    noise = [0.2 * rng.normal(size=(t.size, 1)) for _ in range(2)]
+    before, after = (
+        Simulated(*((share * course[:, None] + own,) for own in noise)) for share in (1.0, leaves)
+    )
+    found = in_use(before, after)
+    assert found.ratio < 0.5 and (found.certainty > GATES.unseen_significance) == is_certain

@@ -8,6 +8,7 @@ correlation tells how few of the samples count as independent.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -279,14 +280,19 @@ def in_use(before: Simulated | None, after: Simulated | None) -> InUse:
     seen, foreseen = (_squares(one.unseen, size) for one in (before, after))
     if not seen.size or seen.size != foreseen.size or old.size != new.size:
         return InUse()  # one of them ran away
+    unseen = float(np.log(np.mean(seen) / np.mean(foreseen)))
     known = sum(_independent(c) for c in _scaled(before.unseen, size)), of_unseen
     blocks = int(min(*known, _independent_in_mean(seen - foreseen), MOST_BLOCKS))
     return InUse(
         fitted=float(np.log(np.mean(old) / np.mean(new))),
-        unseen=float(np.log(np.mean(seen) / np.mean(foreseen))),
+        unseen=unseen,
         n_independent=independent,
         n_unseen=of_unseen,
-        certainty=max(_certainty(seen - foreseen), _certainty_of_blocks(seen, foreseen, blocks)),
+        certainty=max(
+            _certainty(seen - foreseen),
+            _certainty_of_blocks(seen, foreseen, blocks),
+            _certainty_of_noise(unseen, *known),
+        ),
         apart=(_apart(before.fitted, after.fitted), _apart(before.unseen, after.unseen)),
     )
 
@@ -313,6 +319,16 @@ def _certainty_of_blocks(seen: np.ndarray, foreseen: np.ndarray, n_blocks: int) 
     parts = (np.array([part.mean() for part in np.array_split(c, n_blocks)]) for c in (seen, foreseen))
     one, other = (np.log(np.maximum(part, np.finfo(float).tiny)) for part in parts)
     return -float(ndtri(stdtr(n_blocks - 1, -_certainty(one - other))))
+
+
+def _certainty_of_noise(unseen: float, before: float, after: float) -> float:
+    """How many standard errors the logarithm `unseen` of the ratio of two mean squares is off zero, of errors
+    that count for `before` and `after` independent samples, where what is left has no memory beside what was:
+    chance may take a part of a few long excursions, but it does not leave noise of all. Nothing is certain by
+    this where it has: -inf."""
+    if before < GATES.min_independent or after < GATES.min_faded * before:
+        return -math.inf
+    return unseen / math.sqrt(2.0 / before + 2.0 / after)
 
 
 def _beside_starts(before: Simulated, after: Simulated) -> tuple[Simulated, Simulated]:
