@@ -267,3 +267,4 @@ def test_one_long_excursion_is_no_chance_where_a_law_leaves_noise_of_it(
     )
     found = in_use(before, after)
     assert found.ratio < 0.5 and (found.certainty > GATES.unseen_significance) == is_certain
+    assert found.leaves_noise == is_certain

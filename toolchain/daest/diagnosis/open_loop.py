@@ -294,6 +294,7 @@ def in_use(before: Simulated | None, after: Simulated | None) -> InUse:
             _certainty_of_noise(unseen, *known),
         ),
         apart=(_apart(before.fitted, after.fitted), _apart(before.unseen, after.unseen)),
+        leaves_noise=_has_faded(*known),
     )
 
 
@@ -321,12 +322,16 @@ def _certainty_of_blocks(seen: np.ndarray, foreseen: np.ndarray, n_blocks: int) 
     return -float(ndtri(stdtr(n_blocks - 1, -_certainty(one - other))))
 
 
+def _has_faded(before: float, after: float) -> bool:
+    """Whether errors that count for so few independent samples `before` have no memory `after`, beside that."""
+    return before >= GATES.min_independent and after >= GATES.min_faded * before
+
+
 def _certainty_of_noise(unseen: float, before: float, after: float) -> float:
     """How many standard errors the logarithm `unseen` of the ratio of two mean squares is off zero, of errors
     that count for `before` and `after` independent samples, where what is left has no memory beside what was:
-    chance may take a part of a few long excursions, but it does not leave noise of all. Nothing is certain by
-    this where it has: -inf."""
-    if before < GATES.min_independent or after < GATES.min_faded * before:
+    chance may take a part of a few long excursions, but it does not leave noise of all. -inf where it has."""
+    if not _has_faded(before, after):
         return -math.inf
     return unseen / math.sqrt(2.0 / before + 2.0 / after)
 

@@ -585,7 +585,9 @@ def by_simulation(
     is_shown = speaks_for(used, n_own) or (
         accepted is not None and rivals_in_use(used, n_own, accepted.in_use, accepted.candidate.n_unknowns)
     )
-    is_shown = is_shown and not leaves_an_output(beside.explained, beside.fit, reference.fit, found)
+    # What is left without memory is noise, however much of it the loads have taken.
+    is_partial = leaves_an_output(beside.explained, beside.fit, reference.fit, found)
+    is_shown = is_shown and (used.leaves_noise or not is_partial)
     # That any lag or delay as short would do is no question of how much better the simulation is.
     refused = not is_shown or beside.is_any_dynamics
     # Better by more than chance is a part of another law, too, if it leaves most of the error.

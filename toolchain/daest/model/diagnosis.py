@@ -266,7 +266,8 @@ class InUse:
     known), and how many standard errors the mean squares of the unseen ones are apart. `piece` is the
     duration [s] over which it is told, of the records or pieces of them, each from a start of its own; 0
     where it is evidence beside others. The mean squares are over all outputs; `apart` are the same two
-    logarithms of every output by itself, in their mean: what the likelihood of their own errors gains."""
+    logarithms of every output by itself, in their mean: what the likelihood of their own errors gains.
+    `leaves_noise`: errors of unseen data that lasted without the law do not with it."""
 
     fitted: float = 0.0
     unseen: float = 0.0
@@ -275,6 +276,7 @@ class InUse:
     certainty: float = 0.0
     piece: float = 0.0
     apart: tuple[float, float] | None = None
+    leaves_noise: bool = False
 
     @property
     def gain(self) -> float:
