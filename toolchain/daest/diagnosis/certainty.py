@@ -43,8 +43,9 @@ def certainty_of(
     the slope over their difference is nothing and the standard error of either is infinite, while the model
     without one of them may be out of the question. That ratio is of the `gain` in log-likelihood that the law
     brings, beside unknown loads as it may be: so the product with that time, as the estimates that are told
-    have it, must be as certain besides, and both as much as a time constant is asked for. The bend of a signal counts by its product with any parameter, known before or not: a thrust with
-    the square of a command has no other gain, and relative to that its bend may be anything, while the
+    have it, must be as certain besides, and both as much as a time constant is asked for. The bend of a
+    signal counts by its product with any parameter, known before or not: a thrust with the square of a
+    command has no other gain, and relative to that its bend may be anything, while the
     product is certain. 0 where nothing is known."""
     null, error = declared.null or 0.0, own.std_error
     if error is None:
