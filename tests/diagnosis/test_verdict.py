@@ -13,8 +13,8 @@ from daest.diagnosis import verdict as verdict_module
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.changing_values import ChangingValue
 from daest.diagnosis.coloured import Residual
-from daest.diagnosis.held_values import OtherValue
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.held_values import OtherValue
 from daest.diagnosis.holds import says_as_much
 from daest.diagnosis.noise_level import RECORDED
 from daest.diagnosis.parts import Parts
