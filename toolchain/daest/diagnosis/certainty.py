@@ -54,8 +54,8 @@ def certainty_of(
     scales = _beside_scales(candidate, told, own, declared)
     if candidate.effect.is_dynamic:
         likely = float(np.sqrt(2.0 * max(gain, 0.0)))
-        beside = max((min(likely, 1.0 / spread) for _, spread in scales), default=0.0)
-        return max(alone, beside if beside >= GATES.min_dynamic_significance else 0.0)
+        trading = max((min(likely, 1.0 / spread) for _, spread in scales), default=0.0)
+        return max(alone, trading if trading >= GATES.min_dynamic_significance else 0.0)
     beside = (1.0 / spread for scale, spread in scales if is_bend(declared) or not _is_blurred(scale, before))
     return max(alone, *beside, 0.0)
 
