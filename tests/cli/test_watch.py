@@ -92,8 +92,19 @@ def test_a_diagnosis_that_cannot_be_made_is_told(watch, monkeypatch):
     assert (
         found["verdict"] == "cannot tell" and found["effect"] is None and found["message"] == "nothing moves"
     )
-    code, events, _ = watch(simulated(600, 500), "--diagnose")
-    assert "too few" in next(event["message"] for event in events if event["event"] == "diagnosis")
+
+
+@pytest.mark.parametrize(("n_after", "is_enough"), [(60, False), (160, True)])
+def test_as_many_samples_as_a_diagnosis_needs_are_enough(watch, monkeypatch, n_after, is_enough):
+    """Two hundred had been asked for, where `diagnose` takes a hundred."""
+
+    def refused(*_):
+        raise EstimationError("diagnose-unseen", "nothing moves")
+
+    monkeypatch.setattr("daest.diagnosis.changed.diagnose_change", refused)
+    _, events, _ = watch(simulated(500 + n_after, 500), "--diagnose")
+    message = next(event["message"] for event in events if event["event"] == "diagnosis")
+    assert message == "nothing moves" if is_enough else "too few to diagnose it (at least 100)" in message
 
 
 @pytest.mark.parametrize("address", ["", "localhost", "mqtt://localhost:x/a", "http://localhost/a"])

@@ -138,6 +138,38 @@ def test_two_columns_in_the_place_of_each_other_are_told(vessels, signals):
     assert f"Exchange the columns of {signals[0]} and {signals[1]}" in found.next_experiment
 
 
+def test_columns_in_two_units_in_the_place_of_each_other_are_told(case):
+    """A way and a speed: their numbers are beside each other's, and tell by what they do alone."""
+    flat, experiment = case
+    assert exchanges(flat, [experiment]) == []
+    spoilt = Exchange(("y", "v")).mended(experiment)
+    assert exchanges(flat, [spoilt]) == [Exchange(("y", "v"), is_of_one_unit=False)]
+    told = contradicted(flat, [spoilt], [spoilt], None)
+    assert told is not None and "y and v stand in each other's place" in told.message
+
+
+DRIVEN = b"""model Driven "What turns by an angle at a speed"
+  parameter Real l(unit = "m", min = 0) = 2 annotation(__Daest(estimate = true));
+  input Real a(unit = "rad");
+  input Real v(unit = "m/s");
+  output Real r(unit = "rad/s", start = 0);
+  output Real s(unit = "m", start = 0);
+equation
+  der(r) = a*v/l - r/a*1e-3;
+  der(s) = v;
+end Driven;
+"""
+
+
+def test_pair_with_which_a_model_cannot_be_simulated_leaves_the_others():
+    flat, time = compile_text(DRIVEN, Path("Driven.mo")), 0.1 * np.arange(300.0)
+    inputs = np.column_stack([0.5 + 0.4 * np.sin(time), np.where(time < 5.0, 0.0, 3.0)])
+    experiment = Experiment("run", time, inputs, np.zeros((300, 2)), ("a", "v"), ("r", "s"))
+    made = simulate(flat, experiment).outputs
+    spoilt = Exchange(("r", "s")).mended(replace(experiment, outputs=made))
+    assert [one.signals for one in exchanges(flat, [spoilt])] == [("r", "s")]
+
+
 def test_columns_stand_in_each_others_place_beside_a_third_that_is_followed_as_it_is():
     text = VESSELS.replace(
         b"equation",

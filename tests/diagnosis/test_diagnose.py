@@ -292,10 +292,22 @@ def test_too_short_a_record_is_refused():
     with pytest.raises(EstimationError) as caught:
         diagnosed(rotor_record(52, seed=1)[0])
     assert "--split" not in caught.value.remedy
+    assert "100 samples in all (50% of them are kept for validation; 56 where it is 10%)" in (
+        caught.value.remedy
+    )
     whole = rotor_record(75, seed=1)[0]
     with pytest.raises(EstimationError) as caught:  # what validates is there: half as many are enough
         diagnose(model(), library(), [part_of(whole, 0, 25)], [part_of(whole, 25, 75)], options())
     assert "at least 50 samples beside those that validate" in caught.value.remedy
+
+
+def test_samples_that_are_asked_for_count_the_share_that_is_kept_back():
+    """Fifty samples are enough to diagnose from, and not with those that validate among them."""
+    whole = rotor_record(50, seed=1)[0]
+    parts = part_of(whole, 0, 40), replace(part_of(whole, 40, 50), name="record (validation)")
+    with pytest.raises(EstimationError) as caught:
+        diagnose(model(), library(), parts[:1], parts[1:], options())
+    assert "at least 63 samples in all (20% of them are kept for validation" in caught.value.remedy
 
 
 def test_share_that_is_enough_is_one_of_the_time_of_the_same_recordings():

@@ -9,7 +9,7 @@ from hidden_plants import PERIOD, model, quiet, rotor_null, rotor_record, some_e
 from scipy.stats import kstest
 
 from daest.diagnosis.candidates import pairs
-from daest.diagnosis.free_forms import forms_of, free_forms, internal_variables, keep_forms
+from daest.diagnosis.free_forms import _basis, forms_of, free_forms, internal_variables, keep_forms
 from daest.diagnosis.null import fit_null
 from daest.diagnosis.screen import run_null
 from daest.diagnosis.stand import without_noises
@@ -125,3 +125,16 @@ def test_variables_do_not_contain_the_load():
     values = {p.name: p.value for p in null.fit.parameters}
     torque = values["J"] * variables["rotor.a"] + values["d"] * variables["rotor.w"]
     assert torque == pytest.approx(variables["u"], abs=1e-9)
+
+
+def test_curve_is_shown_where_all_but_the_start_is():
+    """A flow from the first sample of a cold house had stretched the axis to five times what it did later."""
+    later = np.linspace(0.0, 1.0, 400)
+    for first, ends in ((-5.0, (0.0, 1.0)), (6.0, (0.0, 1.0)), (-0.05, (-0.05, 1.0))):
+        whole = np.append(later, first)
+        basis = _basis(whole, whole, "W", 1)
+        assert basis.x[[0, -1]] == pytest.approx(ends, abs=0.01)
+        # The curve itself goes on to that sample, and is shown as it is.
+        knots = np.quantile(whole, np.linspace(0.0, 1.0, 8))
+        assert knots @ basis.shown == pytest.approx(basis.x)
+        assert knots @ basis.course == pytest.approx(whole)

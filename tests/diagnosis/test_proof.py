@@ -1128,6 +1128,30 @@ def test_law_of_which_nothing_is_known_is_no_finding():
     assert not_determined(replace(proof.candidate, effect=rich), vaguer, proof.fit) == ""
 
 
+@pytest.mark.parametrize(
+    ("name", "limit", "is_known"),
+    [
+        ("RateLimit", (0.15, 0.071), False),
+        ("RateLimit", (0.15, 0.01), True),
+        ("Saturation", (0.9, 0.5), False),
+        ("Saturation", (0.9, 0.1), True),
+        ("Saturation", (0.01, 0.1), True),  # a place at nothing, seen within the reach of the signal
+    ],
+)
+def test_share_of_what_lies_beyond_an_unknown_limit_is_no_size(name, limit, is_known):
+    _, proof = proved()
+    law = next(c for c in pairs(some_effects(name), sites(model())) if c.site.kind == "input")
+    rounded = {p.name: p.grid[0] for p in law.effect.parameters if p.role == "sharpness"}  # a reach of 1
+    law = replace(law, shape=rounded)
+    one = replace(proof.fit.parameters[-1], at_bound="", min=0.0)
+    share = replace(one, name=f"{law.name}.share", value=1.0, std_error=None, at_bound="max")
+    own = replace(one, name=f"{law.name}.limit", value=limit[0], std_error=limit[1])
+    fit = replace(proof.fit, parameters=(share, own))
+    said = not_determined(law, fit, proof.fit)
+    assert said.startswith("the data do not determine its amount (limit = ") != is_known
+    assert bool(said) != is_known
+
+
 def test_torque_is_known_by_its_ratio_where_no_sensor_tells_the_scale_of_all_torques():
     """tau_c = 0.15 ± 0.06 N.m and J within the same 40 %, their ratio within 6 %: there is friction."""
     _, proof = proved()
@@ -1226,14 +1250,14 @@ def test_of_two_equal_lags_the_likelihood_tells():
     own = f"{proof.candidate.name}.tau_c"
     lag = replace(proof.candidate, effect=replace(proof.candidate.effect, is_dynamic=True))
 
-    def told(second, unit="N.m"):
+    def told(second, unit="N.m", correlation=-0.99):
         fit = proof.fit
         values = {own: {"value": 0.15, "std_error": 0.06}}
         values["J"] = {"value": second, "std_error": 0.4 * second, "min": 0.0, "unit": unit}
         parameters = tuple(replace(p, **values.get(p.name, {})) for p in fit.parameters)
         i, j = (fit.correlation_names.index(name) for name in (own, "J"))
         known = np.eye(len(fit.correlation_names))
-        known[i, j] = known[j, i] = -0.99
+        known[i, j] = known[j, i] = correlation
         return replace(fit, parameters=parameters, correlation=known)
 
     def certainty(fit, gain=50.0):
@@ -1242,6 +1266,10 @@ def test_of_two_equal_lags_the_likelihood_tells():
 
     assert certainty(told(0.16)) == pytest.approx(10.0)
     assert not_determined(lag, told(0.16), proof.fit, gain=50.0) == ""
+    # Beside unknown loads the likelihood may be sure of what the estimates that are told leave open.
+    loose = told(0.16, correlation=-0.7)  # the product within 31 %, 3.2 standard errors off zero
+    assert certainty(loose) == pytest.approx(2.5)
+    assert not_determined(lag, loose, proof.fit, gain=50.0) != ""
     # Their sum may be all that is known, which fixes the product of equal ones besides: one lag would do.
     assert certainty(told(0.16), gain=2.0) == pytest.approx(2.5)
     assert not_determined(lag, told(0.16), proof.fit, gain=2.0) != ""

@@ -13,12 +13,14 @@ from daest.diagnosis import verdict as verdict_module
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.changing_values import ChangingValue
 from daest.diagnosis.coloured import Residual
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.held_values import OtherValue
 from daest.diagnosis.holds import says_as_much
 from daest.diagnosis.noise_level import RECORDED
+from daest.diagnosis.parts import Parts
 from daest.diagnosis.reasons import unmoved
 from daest.diagnosis.recorded_late import EarlierInputs
-from daest.diagnosis.verdict import AT_ONCE, MOVING, Evidence, Loads, beside_value, decide
+from daest.diagnosis.verdict import AT_ONCE, MOVING, Evidence, Loads, beside_parts, beside_value, decide
 from daest.model.diagnosis import Ahead, FreeForm, InUse, Load, PlaceGain, Proof, Screen, Screened, Unproved
 from daest.model.fit import Agreement, FittedParameter
 from daest.modelica.sites import sites
@@ -112,6 +114,21 @@ def test_law_is_no_claim_beside_a_given_value_of_which_another_says_as_much():
     assert "phi 1 -> 0.1" in found.message
     first, second = found.proofs
     assert first.verdict == "not separable" and first.not_separable_from == (f"another value of {value}",)
+    assert second is known.proofs[1]
+
+
+@pytest.mark.parametrize("more", [20.0, 3.0])
+def test_sum_of_two_laws_is_no_claim_where_its_parts_are_likelier(more):
+    known = evidence(proofs=[proof(), proof("QuadraticDrag", "rejected")])
+    told = "Drag at rotor.flange_a (k = 1 ± 0.1) and Load at rotor.flange_a (b = 2 ± 0.1)"
+    parts = Parts(("Drag at rotor.flange_a", "Load at rotor.flange_a"), told, more, are_known=True)
+    found = beside_parts(known, decide(known), known.proofs[0], parts)
+    assert found.name == "cannot tell" and told in found.message
+    first, second = found.proofs
+    is_aside = more > GATES.min_bic_gain
+    assert first.verdict == ("rejected" if is_aside else "not separable")
+    assert first.stands_for == (parts.labels if is_aside else ())
+    assert ("BIC 20" in found.message, "tau_c = 0.15" in found.message) == (is_aside, not is_aside)
     assert second is known.proofs[1]
 
 

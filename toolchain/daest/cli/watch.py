@@ -28,6 +28,7 @@ from daest.cli.options import (
 )
 from daest.cli.output import note, with_schema
 from daest.cli.publish import publisher
+from daest.diagnosis.gates import GATES
 from daest.errors import DaestError
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
 AVERAGE_RUN = 100_000.0  # samples between false alarms, where nothing else is asked for
 WINDOW = 2000  # samples after a change from which it is diagnosed
-FEWEST = 200  # samples without which nothing is diagnosed
+FEWEST = 2 * GATES.min_samples  # samples without which nothing is diagnosed: half of them validate
 
 
 @dataclass(frozen=True)
@@ -269,7 +270,7 @@ def _tell_diagnosis(
 
     samples = [sample for sample in recent if sample.time >= alarm.since]
     if len(samples) < FEWEST:
-        message = f"{len(samples)} samples came after the change, too few to diagnose it"
+        message = f"{len(samples)} samples came after the change, too few to diagnose it (at least {FEWEST})"
         tell("diagnosis", time, since=alarm.since, verdict="cannot tell", message=message)
         return
     note(f"diagnosing {len(samples)} samples since {alarm.since:g} s")
@@ -309,6 +310,6 @@ def _diagnosed(
         seed=seed,
         fitted={p.name: p.value for p in stream.flat.parameters},
     )
-    usual = recording_of(before, stream.online) if len(before) >= FEWEST else None
+    usual = recording_of(before, stream.online) if len(before) >= GATES.min_samples else None
     changed = recording_of(after, stream.online)
     return diagnose_change(stream.flat, effect_library(folders), usual, changed, options, lasts)

@@ -5,6 +5,7 @@ as many times as large as another unit would make it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -151,9 +152,11 @@ def _without_trend(time: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Exchange:
-    """Two inputs, or two outputs, whose columns may be one in place of the other."""
+    """Two inputs, or two outputs, whose columns may be one in place of the other; `is_of_one_unit`: both are
+    read in the same unit, so that nothing but what they do tells them apart."""
 
     signals: tuple[str, str]
+    is_of_one_unit: bool = True
 
     def mended(self, experiment: Experiment) -> Experiment:
         """The experiment with the columns of both exchanged."""
@@ -169,15 +172,36 @@ class Exchange:
 
 
 def exchanges(flat: Model, experiments: Sequence[Experiment]) -> list[Exchange]:
-    """The pairs of inputs and of outputs that are recorded in the same unit and change."""
+    """The pairs of inputs and of outputs that are recorded and change: those in the same unit, then those in
+    two units of which a simulation at the values of the model is nearer with one in place of the other. An
+    angle and its rate move alike, and nobody sees by their numbers which is which."""
     recorded: set[str] = set()
     for e in experiments:
         values = zip((*e.input_names, *e.output_names), (*e.inputs.T, *e.outputs.T), strict=True)
         recorded |= {name for name, column in values if np.nanstd(column) > 0.0}
     groups = ([v for v in variables if v.name in recorded] for variables in (flat.inputs, flat.outputs))
-    return [
-        Exchange((a.name, b.name)) for group in groups for a, b in combinations(group, 2) if a.unit == b.unit
+    every = [
+        Exchange((a.name, b.name), a.unit == b.unit) for group in groups for a, b in combinations(group, 2)
     ]
+    alike = [one for one in every if one.is_of_one_unit]
+    return alike + _nearer(flat, experiments, [one for one in every if not one.is_of_one_unit])
+
+
+def _nearer(flat: Model, experiments: Sequence[Experiment], pairs: Sequence[Exchange]) -> list[Exchange]:
+    """Those of the `pairs` with which the first recording is nearer to a simulation at the values of the
+    model, the nearest first; none where it cannot be simulated."""
+    if not pairs:
+        return []
+    part, theta = _shortened(experiments[0]), flat.theta_values
+    nearer: dict[Exchange, float] = {}
+    with suppress(DaestError):
+        driven = _driven(flat)
+        error = _relative_error(driven, part, theta)
+        for one in pairs:
+            with suppress(DaestError):  # a speed in place of an angle may be one of nothing
+                nearer[one] = _relative_error(driven, one.mended(part), theta)
+        return sorted((one for one in nearer if nearer[one] < error), key=nearer.__getitem__)
+    return []
 
 
 def all_mended(experiment: Experiment, found: Sequence[Contradiction]) -> Experiment:

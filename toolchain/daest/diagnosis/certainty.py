@@ -42,8 +42,10 @@ def certainty_of(
     scales; but where it may change places with another time, the likelihood ratio tells: of two equal lags
     the slope over their difference is nothing and the standard error of either is infinite, while the model
     without one of them may be out of the question. That ratio is of the `gain` in log-likelihood that the law
-    brings. The bend of a signal counts by its product with any parameter, known before or not: a thrust with
-    the square of a command has no other gain, and relative to that its bend may be anything, while the
+    brings, beside unknown loads as it may be: so the product with that time, as the estimates that are told
+    have it, must be as certain besides, and both as much as a time constant is asked for. The bend of a
+    signal counts by its product with any parameter, known before or not: a thrust with the square of a
+    command has no other gain, and relative to that its bend may be anything, while the
     product is certain. 0 where nothing is known."""
     null, error = declared.null or 0.0, own.std_error
     if error is None:
@@ -51,7 +53,9 @@ def certainty_of(
     alone = abs(own.value - null) / error if error else np.inf
     scales = _beside_scales(candidate, told, own, declared)
     if candidate.effect.is_dynamic:
-        return max(alone, *(float(np.sqrt(2.0 * max(gain, 0.0))) for _ in scales), 0.0)
+        likely = float(np.sqrt(2.0 * max(gain, 0.0)))
+        trading = max((min(likely, 1.0 / spread) for _, spread in scales), default=0.0)
+        return max(alone, trading if trading >= GATES.min_dynamic_significance else 0.0)
     beside = (1.0 / spread for scale, spread in scales if is_bend(declared) or not _is_blurred(scale, before))
     return max(alone, *beside, 0.0)
 

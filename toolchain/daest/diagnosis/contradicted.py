@@ -67,20 +67,33 @@ def _exchanged(
     for pair in pairs:
         with suppress(*FAILURES):
             better = identify(silent, [pair.mended(e) for e in experiments], options)
-            if better.log_likelihood > least and _are_better(given, better, pair):
+            is_told = pair.is_of_one_unit or _follows(better, pair)
+            if better.log_likelihood > least and is_told and _are_better(given, better, pair):
                 one, other = pair.signals
                 how = f"Exchange the columns of {one} and {other} in daest.toml, or the signals in the model."
                 return better, f"{one} and {other} stand in each other's place", how
     return None
 
 
+def _follows(better: FitResult, pair: Exchange) -> bool:
+    """Whether the model follows the outputs of a pair, of inputs all outputs, the other way round: numbers in
+    two units are of two sizes, and an error that is smaller for that tells nothing."""
+    percents = better.simulated["estimation"].fit_percent
+    concerned = [name for name in percents if name in pair.signals] or list(percents)
+    return all((percents[name] or 0.0) > GATES.min_driven_fit for name in concerned)
+
+
 def _are_better(given: FitResult, better: FitResult, pair: Exchange) -> bool:
     """Whether the outputs of a pair are simulated far better the other way round, and the others not worse;
-    of inputs all outputs far better. A third sensor may be followed as it is."""
+    of inputs all outputs far better. A third sensor may be followed as it is. Of two outputs in two units the
+    product of both errors counts: the numbers of either are beside another one's before and after."""
     ratios = ratios_by_output(given.simulated, better.simulated, "estimation")
-    concerned = [name for name in ratios if name in pair.signals] or list(ratios)
-    far = max((ratios[name] for name in concerned), default=1.0) < GATES.max_told_ratio
-    return far and all(ratio < 1.0 + GATES.clear_unseen_error for ratio in ratios.values())
+    own = [ratio for name, ratio in ratios.items() if name in pair.signals]
+    others = [ratio for name, ratio in ratios.items() if name not in pair.signals]
+    if len(own) == 2 and not pair.is_of_one_unit:
+        own = [float(np.sqrt(np.prod(own)))]
+    far = max(own or others, default=1.0) < GATES.max_told_ratio
+    return far and all(ratio < 1.0 + GATES.clear_unseen_error for ratio in (*own, *others))
 
 
 def _what(found: Sequence[Contradiction]) -> tuple[str, str]:

@@ -27,6 +27,7 @@ from daest.diagnosis.next_experiment import Asked, computed
 from daest.diagnosis.null import Null, grown, open_hold, with_other_hold
 from daest.diagnosis.open_loop import driven_share, open_screen
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
+from daest.diagnosis.parts import parts_of
 from daest.diagnosis.passed_once import back_on_their_way
 from daest.diagnosis.ranking import best_accepted, errors_last, is_settled
 from daest.diagnosis.reasons import is_significant, unmoved
@@ -147,6 +148,7 @@ def _examined(
         evidence = replace(evidence, proofs=proofs)
         decided = verdicts.decide(evidence)
     decided = _with_changes(stand, run, evidence, decided, library, options)
+    decided = _with_parts(stand, evidence, decided, library, options)
     decided, beside_values = _with_values(stand, run, evidence, decided, options, progress)
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
     message += beside_values
@@ -309,6 +311,24 @@ def _with_changes(
         ratios = error_ratios(stand.told.simulated, law.told.simulated)
         if changing is not None and changing.says_as_much_as(law, stand.baseline, stand.null, ratios):
             return verdicts.beside_value(evidence, decided, law, changing)
+    return decided
+
+
+def _with_parts(
+    stand: Stand,
+    evidence: verdicts.Evidence,
+    decided: verdicts.Decided,
+    library: Sequence[Effect],
+    options: DiagnoseOptions,
+) -> verdicts.Decided:
+    """What is decided beside the parts, with sizes of their own, of an accepted law that is their sum."""
+    law = next((p for p in decided.proofs if p.verdict != "rejected" and p.candidate.effect.sum_of), None)
+    if law is None or options.is_over:
+        return decided
+    with suppress(OutOfTimeError), until(options.until):
+        parts = parts_of(stand.null, law, library)
+        if parts is not None and (parts.puts_aside or parts.says_as_much):
+            return verdicts.beside_parts(evidence, decided, law, parts)
     return decided
 
 

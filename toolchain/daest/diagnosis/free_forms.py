@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from daest.data.limits import DATA
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.screen import (
@@ -177,12 +178,15 @@ def _tables(null: Null, run: NullObserver, named: Sequence[str] = ()) -> list[di
     for number, course in enumerate(courses):
         predicted = _predicted_variables(null, run, number)
         both = {name: np.concatenate([course[name], predicted[name]]) for name in shared}
-        tables.append(_bases(both, limits, units))
+        tables.append(_bases(both, limits, units, len(courses)))
     return tables
 
 
 def _bases(
-    variables: Mapping[str, np.ndarray], whole: Mapping[str, np.ndarray], units: Mapping[str, str]
+    variables: Mapping[str, np.ndarray],
+    whole: Mapping[str, np.ndarray],
+    units: Mapping[str, str],
+    n_records: int,
 ) -> dict[tuple[str, str], Basis]:
     widths = {
         n: GATES.soft_sign * float(np.sqrt(np.mean(whole[n] ** 2)))
@@ -192,9 +196,9 @@ def _bases(
     speeds = {name: np.tanh(variables[name] / width) for name, width in widths.items()}
     found = {}
     for name, x in variables.items():
-        basis = _basis(x, whole[name], units.get(name, ""))
+        basis = _basis(x, whole[name], units.get(name, ""), n_records)
         if name in widths:
-            basis = _with_jump(basis, x, whole[name], widths[name])
+            basis = _with_jump(basis, x, widths[name])
         if basis.x.size < 2:
             continue
         found[name, ""] = basis
@@ -204,19 +208,39 @@ def _bases(
     return found
 
 
-def _basis(x: np.ndarray, whole: np.ndarray, unit: str) -> Basis:
-    """Harmonics of an angle that turns round, else hat functions between quantiles."""
+def _basis(x: np.ndarray, whole: np.ndarray, unit: str, n_records: int) -> Basis:
+    """Harmonics of an angle that turns round, else hat functions between quantiles, which are shown as far as
+    the variable usually comes in so many recordings."""
     if unit == ANGLE_UNIT and np.ptp(whole) > TURN:
         angles = np.arange(N_ANGLES) * TURN / N_ANGLES
         return Basis(_harmonics(x), angles, _harmonics(angles), over_a_turn=True)
     knots = np.unique(np.quantile(whole, np.linspace(0.0, 1.0, KNOTS)))
-    eye = np.eye(knots.size)
-    return Basis(np.array([np.interp(x, knots, row) for row in eye]), knots, eye)
+    eye, ends = np.eye(knots.size), _usual(whole, n_records)
+    inside = np.clip(knots, *ends)
+    shown = inside if np.all(np.diff(inside) > 0.0) else knots
+    course, lines = (np.array([np.interp(points, knots, row) for row in eye]) for points in (x, shown))
+    return Basis(course, shown, lines)
 
 
-def _with_jump(basis: Basis, x: np.ndarray, whole: np.ndarray, width: float) -> Basis:
+def _usual(whole: np.ndarray, n_records: int) -> tuple[float, float]:
+    """The range of a variable (n,) without what lies far beyond all other samples and comes once a recording,
+    as the first sample of a start does, or as rarely as a fault: further than the mean distance of two knots,
+    in which every seventh sample lies."""
+    ordered = np.sort(whole)
+    rare = max(n_records, int(DATA.rare * whole.size))
+    if 2 * rare >= whole.size - 1:
+        return float(ordered[0]), float(ordered[-1])
+    low, high = float(ordered[rare]), float(ordered[-1 - rare])
+    far = (high - low) / (KNOTS - 1)
+    return (
+        low if low - ordered[0] > far else float(ordered[0]),
+        high if ordered[-1] - high > far else float(ordered[-1]),
+    )
+
+
+def _with_jump(basis: Basis, x: np.ndarray, width: float) -> Basis:
     """The curve over a speed with a jump at zero, as friction has it."""
-    edges = [side for side in (-JUMP * width, JUMP * width) if whole.min() < side < whole.max()]
+    edges = [side for side in (-JUMP * width, JUMP * width) if basis.x[0] < side < basis.x[-1]]
     shown = np.sort(np.append(basis.x, edges))
     lines = np.array([np.interp(shown, basis.x, row) for row in basis.shown])
     return Basis(

@@ -431,8 +431,9 @@ def _refitted(path: _Path, stand: Stand, remark: str) -> _Path:
 
 def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
     """The path with two effects of which none is accepted alone, but each beside the other; None where the
-    screen names no such pair, the refits refuse it, or other values of the parameters do."""
-    pairs = promising_pairs(diagnosis.screen)
+    screen names no such pair, nor the diagnosis the parts of a sum, or where the refits refuse it, or other
+    values of the parameters do."""
+    pairs = _parts_of_a_sum(diagnosis) or promising_pairs(diagnosis.screen)
     if diagnosis.verdict == "parameters off" or not pairs:
         return None
     if task.options.is_over or len(path.steps) - len(task.first) + 2 > task.most_effects:
@@ -456,6 +457,14 @@ def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
     )
     task.progress(f"added {first.candidate.label} and {last.candidate.label}")
     return _Path(accept(beside, last, task.options.jobs), (*path.steps, *steps))
+
+
+def _parts_of_a_sum(diagnosis: Diagnosis) -> list[tuple[Screened, Screened]]:
+    """The two laws for which a rejected one stood that is their sum, as the screen has them; none where there
+    is no such."""
+    entries = {entry.candidate.label: entry for entry in diagnosis.screen.entries}
+    sums = (proof.stands_for for proof in diagnosis.proofs if len(proof.stands_for) == 2)
+    return [(entries[one], entries[other]) for one, other in sums if {one, other} <= entries.keys()]
 
 
 def _beside_lag(task: _Task, path: _Path, diagnosis: Diagnosis) -> list[_Path]:

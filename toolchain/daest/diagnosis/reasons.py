@@ -139,7 +139,8 @@ def not_determined(
     stands for any law that does the same in these data. Empty where at least one of them is known. A phase
     says nothing alone: half a turn of it is another sign of the size; nor does a ratio, such as the damping
     of what swings with an unknown mass and period, nor the time constant of a store of no size, which
-    does what its own start does. `before` is the fit without the law, `least_of_place` how
+    does what its own start does; nor the share of a law that has its amount in another parameter, such as a
+    limit: all of nothing that is known is nothing. `before` is the fit without the law, `least_of_place` how
     many standard errors a place stands off zero where it is known, and the `gain` in log-likelihood what the
     law brings."""
     # Of a mass that swings, the period is seen; a wall may be at any temperature when the recording begins.
@@ -159,9 +160,25 @@ def not_determined(
         )
     ]
     if not own or len(unknown) < len(own):
-        return ""
+        return _of_no_amount(candidate, told)
     what = "none of its sizes" if stores else "none of its parameters"
     return f"the data determine {what} ({', '.join(unknown)})"
+
+
+def _of_no_amount(candidate: Candidate, told: FitResult) -> str:
+    """Why the law is not known, where it has its amount in shapes beside a share, such as a limit, and the
+    data determine none of these: all of what lies beyond a limit may be cut, and the limit be anywhere. A
+    place is known within the reach of its variable, too, since it may be at nothing there. Empty where one is
+    known, or there are none."""
+    shapes = {f"{candidate.name}.{p.name}": p for p in candidate.effect.parameters if p.role == "shape"}
+    own = [p for p in told.parameters if p.name in shapes]
+    if not own or not all(p.is_share for p in candidate.effect.sizes):
+        return ""
+    for p in own:
+        reach = _reach(candidate, shapes[p.name]) if _is_place(shapes[p.name]) else 0.0
+        if p.std_error is not None and GATES.min_significance * p.std_error <= max(abs(p.value), reach):
+            return ""
+    return f"the data do not determine its amount ({', '.join(told_value(p) for p in own)})"
 
 
 def in_place_of_a_parameter(

@@ -420,6 +420,17 @@ def is_enough(sizes: Sequence[int]) -> bool:
     return sum(sizes) >= GATES.min_samples
 
 
+def _needed_in_all(kept: float) -> str:
+    """How many samples it takes where the share `kept` of them validates, and with the least that may be."""
+    least = GATES.least_kept_back
+
+    def in_all(share: float) -> int:
+        return int(np.ceil(round(GATES.min_samples / (1.0 - share), 6)))
+
+    whole = f"{in_all(kept)} samples in all ({kept:.0%} of them are kept for validation"
+    return f"{whole})" if kept <= least else f"{whole}; {in_all(least)} where it is {least:.0%})"
+
+
 def _divided(
     experiments: tuple[Experiment, ...], validation: tuple[Experiment, ...]
 ) -> tuple[tuple[Experiment, ...], tuple[Experiment, ...]]:
@@ -427,11 +438,11 @@ def _divided(
     experiments, validation = halved(experiments, validation)
     n_samples = sum(e.n_samples for e in experiments)
     if n_samples < GATES.min_samples:
-        needed = (
-            f"{GATES.min_samples} samples beside those that validate"
-            if has_own
-            else f"{2 * GATES.min_samples} samples (half are kept for validation)"
-        )
+        needed = f"{GATES.min_samples} samples beside those that validate"
+        if not has_own:
+            kept = sum(e.n_samples for e in validation)
+            is_half = abs(kept - n_samples) <= len(experiments)  # an odd number has no halves
+            needed = _needed_in_all(0.5 if is_half else kept / (n_samples + kept))
         raise EstimationError(
             "diagnose-too-short",
             f"{n_samples} samples to diagnose from cannot tell a missing effect from noise",

@@ -14,6 +14,7 @@ from daest.diagnosis.held_values import OtherValue
 from daest.diagnosis.load_starts import LoadStart, takes_over
 from daest.diagnosis.noise_level import RECORDED, simulates_to_noise
 from daest.diagnosis.null import Null, slowest_at
+from daest.diagnosis.parts import Parts
 from daest.diagnosis.ranking import errors_last, is_settled
 from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.recorded_late import EarlierInputs
@@ -69,6 +70,9 @@ AT_ONCE = (
 SOONER = (
     "Find out whether the clocks of all columns agree, and how late the sensor of {names} is; if it is, "
     "shift the column by as much, {time}."
+)
+ADD_PARTS = (
+    "Add both to the model (daest extend) and diagnose it again: neither is the answer without the other."
 )
 LARGER = "Record again with larger amplitudes, which show more of the form of the law."
 
@@ -352,6 +356,28 @@ def beside_value(evidence: Evidence, decided: Decided, law: Proof, other: OtherV
         return replace(decided, message=message, proofs=proofs)
     message = f"{law.candidate.label} would do ({told_values(law)}), but {says}" + _told_of(evidence, law)
     return Decided("cannot tell", message, other.settled_by, proofs)
+
+
+def beside_parts(evidence: Evidence, decided: Decided, law: Proof, parts: Parts) -> Decided:
+    """What was `decided`, where the parts of an accepted law that is their sum are likelier than it, with
+    sizes of their own: clearly, so that it only stands for them, or hardly."""
+    if parts.puts_aside:
+        better = f"explain the data better (BIC {parts.more:.0f})"
+        told = replace(law, verdict="rejected", reason=f"{parts.text}, {better}", stands_for=parts.labels)
+        message = (
+            f"Both laws that {law.candidate.label} is the sum of seem to be missing, each with a size of its "
+            f"own: {parts.told} {better}."
+        )
+        following = ADD_PARTS
+    else:
+        told = replace(law, verdict="not separable", not_separable_from=(*law.not_separable_from, parts.told))
+        message = f"{law.candidate.label} would do ({told_values(law)}), but {parts.text}, say as much."
+        message += _told_of(evidence, law)
+        following = OTHER_AMPLITUDES
+    proofs = tuple(told if p is law else p for p in decided.proofs)
+    if decided.name != "supported":
+        return replace(decided, message=f"{decided.message} {message}", proofs=proofs)
+    return Decided("cannot tell", message, following, proofs)
 
 
 def _of_loads(evidence: Evidence, loads: Loads) -> Decided:

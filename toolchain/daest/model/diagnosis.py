@@ -337,6 +337,7 @@ class Proof:
     same_as: tuple[str, ...] = ()  # other laws that are the same equation on these recordings
     inside: str = ""  # of a sensor: what in the machine is the same equation on these recordings
     steady_error: float | None = None
+    stands_for: tuple[str, ...] = ()  # rejected, since these laws beside each other, its parts, say more
 
     @property
     def sizes(self) -> tuple[float, ...]:
