@@ -323,7 +323,7 @@ def _certainty_of_blocks(seen: np.ndarray, foreseen: np.ndarray, n_blocks: int) 
 
 
 def _has_faded(before: float, after: float) -> bool:
-    """Whether errors that count for so few independent samples `before` have no memory `after`, beside that."""
+    """Whether errors that count for `before` independent samples have no memory `after`, beside that."""
     return before >= GATES.min_independent and after >= GATES.min_faded * before
 
 
