@@ -435,7 +435,7 @@ class _Assembly:
         """The flow into the effect's connector `own` becomes a term of a balance, its potential follows the
         balanced variable."""
         balance = self._found(self._balances, name)
-        self._add_term(balance_entry(self.flat, balance), *member.local(own, 1))
+        self._add_term(balance_entry(self.flat, balance, member.effect.domain), *member.local(own, 1))
         potential, symbol = member.local(own, 0)
         variable = self.flat.unknowns[balance.variable]
         if not needs_position(member.effect.domain):
