@@ -8,14 +8,14 @@ model HiddenStore "Second store that exchanges with the first"
   parameter Real empty(unit = "1", min = 0, max = 1) = 0
     "1 if the second store begins with nothing, 0 if it begins in balance with the first"
     annotation(__Daest(role = "shape", grid = {0, 1}));
-  Real z(start = 0, stateSelect = StateSelect.prefer) "How far the amount is above that of the balance";
+  Real z(start = 0, stateSelect = StateSelect.prefer) "Amount that would be in balance with the second store";
 initial equation
-  z = empty*x;
+  z = (1 - empty)*x;
 equation
-  T*der(z) = T*der(x) - z;
-  r = -k*z;
+  T*der(z) = x - z;
+  r = -k*(x - z);
   annotation(
-    __Daest(effect = true, attach = "connector", law = "T*der(z) = T*der(x) - z, r = -k*z"),
+    __Daest(effect = true, attach = "connector", law = "T*der(z) = x - z, r = -k*(x - z)"),
     Documentation(info = "Tissue behind the blood, a dead zone of a vessel, sediment, walls that take up and give back
 later. In balance it holds k*T times as much as the first store."));
 end HiddenStore;
