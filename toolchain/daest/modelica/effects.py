@@ -610,8 +610,8 @@ def _parameter(parameter: Parameter, source: _Source) -> EffectParameter:
         raise annotation.error(
             "unit",
             f"unit of `{parameter.name}`",
-            'Write "u" for the unit of the signal, "u/s" for that per second, "1/u" for one over it, "1/(u.s)" '
-            "for one over it per second.",
+            'Write "u" for the unit of the signal, "u/s" for that per second, "1/u" for one over it, '
+            '"1/(u.s)" for one over it per second.',
         )
     null = entries.get("null", 0 if role == "size" else None)
     grid = entries.get("grid", ())

@@ -222,10 +222,7 @@ def _flows(flat: FlatModel, unit: str) -> Iterator[tuple[ca.SX, float]]:
 def balance_entry(flat: FlatModel, balance: Balance, domain: Domain | None = None) -> Entry:
     """Where a flow of an effect of a `domain` enters the model at a balance; one whose units do not tell
     takes it as it is. What enters an amount is a rate of it, and stands beside the rate that is there."""
-    if domain == "amount":
-        factor = rate_factor(flat, balance)
-    else:
-        factor = flow_factor(flat, balance)
+    factor = rate_factor(flat, balance) if domain == "amount" else flow_factor(flat, balance)
     return Entry(balance.row, balance.sign, ONE if factor is None else factor)
 
 

@@ -5,17 +5,14 @@ model HiddenStore "Second store that exchanges with the first"
     annotation(__Daest(estimate = true, role = "size", null = 0));
   parameter Real T(unit = "s", min = 1e-9) = 1000 "Time constant of the second store"
     annotation(__Daest(estimate = true, role = "shape", of = "time", grid = {0.003, 0.01, 0.03, 0.1, 0.3}));
-  parameter Real empty(unit = "1", min = 0, max = 1) = 0
-    "1 if the second store begins with nothing, 0 if it begins in balance with the first"
-    annotation(__Daest(role = "shape", grid = {0, 1}));
   Real z(start = 0, stateSelect = StateSelect.prefer) "Amount that would be in balance with the second store";
 initial equation
-  z = (1 - empty)*x;
+  z = x;
 equation
   T*der(z) = x - z;
   r = -k*(x - z);
   annotation(
     __Daest(effect = true, attach = "connector", law = "T*der(z) = x - z, r = -k*(x - z)"),
     Documentation(info = "Tissue behind the blood, a dead zone of a vessel, sediment, walls that take up and give back
-later. In balance it holds k*T times as much as the first store."));
+later. In balance it holds k*T times as much as the first store. A refit finds what it begins with."));
 end HiddenStore;
