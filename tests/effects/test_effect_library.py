@@ -23,10 +23,10 @@ from daest.quantities import parse_unit
 
 EFFECTS = effect_library()
 FOLDER = library_root() / "Daest" / "Effects"
-# Names that a recorded signal of any unit may feed: they cannot have a unit themselves.
-UNITLESS = {"Signals", "General"}
+# Names that a signal or an amount of any unit may feed: they cannot have a unit themselves.
+UNITLESS = {"Signals", "General", "Amounts"}
 # Sizes of either sign: a load, an offset, the influence of a signal.
-SIGNED = {"a", "Q_0", "q_0", "tau_0", "f_0", "k", "b", "g", "r", "y", "c", "c3"}
+SIGNED = {"a", "Q_0", "q_0", "r_0", "tau_0", "f_0", "k", "b", "g", "r", "y", "c", "c3"}
 
 MECHANICAL = frozenset(
     (
@@ -52,6 +52,9 @@ EXPECTED = {
     "Thermal": frozenset(["Radiation", "MeasuredHeatGain", "MeasuredVentilation", "WallCapacity"]),
     "Hydraulic": frozenset(
         ["Orifice", "Overflow", "Weir", "Downpipe", "FreeOutlet", "WideningTank", "ConstantFlow"]
+    ),
+    "Amounts": frozenset(
+        ["ConstantInflow", "FirstOrderLoss", "SaturableLoss", "QuadraticLoss", "HiddenStore"]
     ),
     "Signals": frozenset(
         [
@@ -139,6 +142,7 @@ def test_states_and_dynamics() -> None:
     expected |= {"Rotational.DraggedInertia": 1, "Translational.DraggedMass": 1}
     expected |= {"Electrical.VoltageRelaxation": 1, "Thermal.ExtraHeatCapacity": 1}
     expected |= {"Thermal.WallCapacity": 1, "Signals.Play": 1, "Signals.RateLimit": 1}
+    expected |= {"Amounts.HiddenStore": 1}
     assert states == expected
     dynamic = {effect.name for effect in EFFECTS if effect.is_dynamic}
     assert dynamic == {
@@ -170,6 +174,7 @@ def test_loads_and_offsets_add_a_constant() -> None:
         "Translational.ConstantLoad",
         "Thermal.ConstantHeatGain",
         "Hydraulic.ConstantFlow",
+        "Amounts.ConstantInflow",
         "Signals.Offset",
     }
 

@@ -110,6 +110,11 @@ OTHERS: dict[str, tuple[str, Law]] = {
     "ConstantFlow": ("q", lambda v: v["q_0"]),
     "Leak": ("q", lambda v: -v["G"] * v["p"]),
     "MeasuredFlow": ("q", lambda v: v["k"] * v["u"]),
+    "ConstantInflow": ("r", lambda v: v["r_0"]),
+    "FirstOrderLoss": ("r", lambda v: -v["k"] * v["x"]),
+    "SaturableLoss": ("r", lambda v: -v["r_max"] * v["x"] / (v["x_h"] + abs(v["x"]))),
+    "QuadraticLoss": ("r", lambda v: -v["k"] * v["x"] * abs(v["x"])),
+    "HiddenStore": ("r", lambda v: -v["k"] * (v["x"] - v["z"])),
     "DeadZone": (
         "y",
         lambda v: ramp(v["u"] - v["width"] / 2, v["u_s"]) - ramp(-v["u"] - v["width"] / 2, v["u_s"]),

@@ -1,4 +1,4 @@
-model Rig "A place for every effect: shaft, carriage, circuit, room, tank and signals"
+model Rig "A place for every effect: shaft, carriage, circuit, room, tank, salt and signals"
   import Daest.Units.SI;
   parameter SI.Inertia J(min = 0) = 0.5 "Inertia of the shaft";
   parameter SI.RotationalSpringConstant c(min = 0) = 8 "Stiffness of the shaft";
@@ -37,6 +37,7 @@ model Rig "A place for every effect: shaft, carriage, circuit, room, tank and si
   Daest.Hydraulic.Sources.FixedPressure drain "Drain";
   Daest.Hydraulic.Sources.PrescribedFlow pump "Pump";
   Daest.Blocks.Sources.Constant supply(k = 1e-4) "Flow of the pump";
+  Real salt(unit = "g/l", start = 1) "What the tank holds of salt";
 equation
   connect(torque, drive.tau);
   connect(drive.flange, rotor.flange_a);
@@ -60,4 +61,5 @@ equation
   connect(tank.outlet, outlet.port_a);
   connect(outlet.port_b, drain.port);
   pressure = tank.outlet.p;
+  2*der(salt) = 0.3 - salt;
 end Rig;

@@ -44,6 +44,11 @@ model Terms "Balances written as equations, with components as their terms"
   Daest.Terms.TorqueOfSpeed w_term(w = w2) "Term";
   Daest.Terms.HeatFlow T_term(T = T + 273.15) "Term";
   Daest.Terms.VolumeFlow p_term(p = p) "Term";
+  Daest.Blocks.Interfaces.RealInput dose(unit = "mg/s", start = 0) "Dose";
+  Real a(unit = "mg", start = 0) "Amount";
+  output Real y_a(unit = "mg") = a "Amount";
+  Daest.Terms.Inflow a_term(amount = a) "Term";
+  Daest.Effects.Amounts.FirstOrderLoss decay(k = 43) "Of the amount";
   Daest.Blocks.Interfaces.RealInput I(unit = "A", start = 0) "Current into the node";
   Real u_c(unit = "V", start = 0) "Voltage of the node";
   output Real y_u(unit = "V") = u_c "Voltage of the node";
@@ -73,6 +78,7 @@ equation
   J*der(w2) + w_term.total = M;
   C*der(T) + T_term.total = P;
   V*der(p) + p_term.total = Q;
+  der(a) + a_term.total = dose;
   U = 23*i + i_term.total;
   U = 29*j + j_term.total;
   N*der(q) + q_term.total = B;
@@ -92,5 +98,6 @@ equation
   connect(T_term.port, loss.port_a);
   connect(loss.port_b, ambient.port);
   connect(p_term.port, line.port_a);
+  connect(a_term.port, decay.port);
   connect(line.port_b, outside.port);
 end Terms;

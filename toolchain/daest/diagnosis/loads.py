@@ -54,7 +54,7 @@ def load_sites(flat: FlatModel) -> list[Site]:
     """Where unknown loads may act: at nodes and balances of a physical domain; in a model that has none of
     them, a circuit of one loop say, in its meshes, and where no unit tells a domain, in any balance."""
     known = sites(flat)
-    flows = [site for site in known if site.kind in ("node", "equation")]
+    flows = [site for site in known if site.kind in ("node", "equation") and site.domain != "amount"]
     loops = [site for site in known if site.kind == "mesh" and site.domain == "electrical"]
     return flows or loops or untold_balances(flat)
 

@@ -44,6 +44,7 @@ MEASURED: dict[Domain, str] = {  # what could be measured between two places
     "electrical": "a voltage or a current",
     "thermal": "a temperature or a flow of heat",
     "hydraulic": "a pressure or a flow",
+    "amount": "an amount, a concentration or a rate",
 }
 WIDER_BAND = (
     "Excite the machine over a wider band of frequencies, and measure another quantity between input and "

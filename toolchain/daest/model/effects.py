@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-Domain = Literal["rotational", "translational", "electrical", "thermal", "hydraulic", "signal"]
+Domain = Literal["rotational", "translational", "electrical", "thermal", "hydraulic", "amount", "signal"]
 Attachment = Literal["connector", "parallel", "series", "signal", "input", "output", "parameter"]
 ParameterRole = Literal["size", "shape", "sharpness", "given"]
 PER_TIME = "/time"  # behind a variable: its largest magnitude in the time of the recording
@@ -41,8 +41,8 @@ class EffectParameter:
     is called `y[1]`.
     `proof`, such a multiple, is what a refit takes in place of the values that the screen tries: what lets a
     size of nothing be seen may blur one that is there.
-    `signal_unit` is "u", "u/s" or "1/u" for a parameter in the unit of the signal that the effect sits on, in
-    that per second, or in one over it.
+    `signal_unit` is "u", "u/s", "1/u" or "1/(u.s)" for a parameter in the unit of the signal or amount that
+    the effect sits on, in that per second, in one over it, or in one over it per second.
     `periods_over` is the effect's variable over a period of 2*pi of which the effect repeats as often as the
     parameter says: the screen adds the whole number of periods that the data show to `grid`, or, where they
     show less than a turn, any number, which is then fitted. Where `scale_of` is given, too, the parameter is
@@ -149,14 +149,15 @@ class Site:
     one node); "component" and "pair" the two ends a and b; "connector" that connector alone. An "input",
     "output", "parameter" or a "signal" between parts of the model has none, its name is the variable's. An
     "equation" is a balance of a model without connectors, called `7:v` by its index and the variable whose
-    rate it gives; an "exchange" is between two such balances of heat or volume, called by both, or between
-    one of heat and an input that is a temperature; a "force" acts between the bodies of such balances, or
-    between one and what an input moves, or as a spring to what does not move (`is_grounded`), called `4:F`
-    by the equation that gives it or by the balances and the input; a "mesh" is a sum of voltages along a path
-    or of pressures along a pipe, called `2:i` by its index and its current or flow, `2:R` where the current
-    through a resistance has no variable; a "terminal" is an output voltage at which an input current flows,
-    called `u:i` by both. `aliases` are other names for the same place; `parameters` what the place has of its
-    own: names as an effect asks for them, `c` for a stiffness, and those of the model's parameters.
+    rate it gives, in the domain "amount" where its unit belongs to none that is physical; an "exchange" is
+    between two such balances of heat or volume, called by both, or between one of heat and an input that is
+    a temperature; a "force" acts between the bodies of such balances, or between one and what an input
+    moves, or as a spring to what does not move (`is_grounded`), called `4:F` by the equation that gives it
+    or by the balances and the input; a "mesh" is a sum of voltages along a path or of pressures along a
+    pipe, called `2:i` by its index and its current or flow, `2:R` where the current through a resistance
+    has no variable; a "terminal" is an output voltage at which an input current flows, called `u:i` by
+    both. `aliases` are other names for the same place; `parameters` what the place has of its own: names as
+    an effect asks for them, `c` for a stiffness, and those of the model's parameters.
     `is_grounded`: the potential of its end a is constant, so that nothing drives a flow there, or that of b
     is, by a component of one connector. `limits_only`: of a signal, no law makes sense but one that cuts it.
     """

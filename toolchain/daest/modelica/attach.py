@@ -98,6 +98,9 @@ def names_of(flat: FlatModel) -> set[str]:
 
 
 Found = TypeVar("Found")
+_COMPONENT = re.compile(
+    r"(?<![\w.])(\w+(?:\[[\d,]+\])?)\.(?=[A-Za-z_])"
+)  # before the name of a variable of it
 
 
 @dataclass
@@ -435,7 +438,7 @@ class _Assembly:
         """The flow into the effect's connector `own` becomes a term of a balance, its potential follows the
         balanced variable."""
         balance = self._found(self._balances, name)
-        self._add_term(balance_entry(self.flat, balance), *member.local(own, 1))
+        self._add_term(balance_entry(self.flat, balance, member.effect.domain), *member.local(own, 1))
         potential, symbol = member.local(own, 0)
         variable = self.flat.unknowns[balance.variable]
         if not needs_position(member.effect.domain):
@@ -628,13 +631,12 @@ class _Assembly:
     def _terms_of(self, rows: set[int]) -> set[str]:
         """Components of which something stands in these equations of the model, and in no other one."""
         own = {
-            i: f" {e.text}"
+            i: self._names.intersection(_COMPONENT.findall(e.text))
             for i, e in enumerate(self.equations)
             if i in rows or (not e.origin and e.kind != "connection")
         }
-        texts = [own[row] for row in rows]
-        shared = {name for name in self._names if all(f" {name}." in text for text in texts)}
-        return {n for n in shared if {i for i, text in own.items() if f" {n}." in text} == rows}
+        shared = set.intersection(*(own[row] for row in rows)) if rows else set()
+        return {name for name in shared if {i for i, names in own.items() if name in names} == rows}
 
     def _shown_by(self, site: Site) -> set[str]:
         """The effect whose result is the output, if one was put there."""

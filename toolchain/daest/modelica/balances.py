@@ -31,6 +31,8 @@ _ANGLES = ("rad", "mrad", "deg", "turn", "rpm")  # one of them makes a rate of t
 _VOLUME_FLOW = {"[length]": 3.0, "[time]": -1.0}
 _AREA = {"[length]": 2.0}
 _MECHANICAL: tuple[Domain, ...] = ("translational", "rotational")
+# What has a place of its own in a domain, or follows from one: positions, rates, flows, and what drives them.
+_NO_AMOUNTS = ("m", "m/s2", "N", "N.m", "W", "m3/s", "kg/s", "A", "Wb", "1/s")
 _SEED = 20040101
 
 
@@ -54,6 +56,25 @@ class Balance:
         if self.is_level(flat):
             return "hydraulic"
         return domain_of(flat.unknowns[self.variable].unit)
+
+    def is_amount(self, flat: FlatModel) -> bool:
+        """Whether the variable is an amount or a concentration of something that belongs to no domain, as its
+        unit tells: mg, mol/l, ppm. What has none may be one as well as a position of a valve, which follows
+        what it is told (`_follows`)."""
+        unit = flat.unknowns[self.variable].unit
+        if not unit or self.domain(flat) is not None or any(is_of(unit, one) for one in _NO_AMOUNTS):
+            return False
+        return bool(dimensions(unit) != {}) or (unit not in _ANGLES and not self._follows(flat))
+
+    def _follows(self, flat: FlatModel) -> bool:
+        """Whether the equation is `T*der(x) = u - x`, with a time of its own: nothing is stored there."""
+        row = flat.residual[self.row]
+        others = ca.vertcat(flat.xi, flat.u)
+        own, rate = ca.jacobian(row, flat.xi[self.variable]), ca.vertcat(flat.xi, flat.derivatives)[self.rate]
+        slopes = ca.jacobian(row, others)
+        told = [ca.simplify(slopes[k] + own) for k in range(others.numel()) if k != self.variable]
+        is_timed = any(not ca.symvar(one) for one in (own, ca.jacobian(row, rate)))
+        return is_timed and bool(own.nnz()) and any(one.is_zero() for one in told)
 
     def is_level(self, flat: FlatModel) -> bool:
         """Whether the variable is the level of a liquid: a length beside a volume flow or an area."""

@@ -20,6 +20,7 @@ DOMAINS: dict[tuple[str, str], Domain] = {
     ("v", "i"): "electrical",
     ("T", "Q_flow"): "thermal",
     ("p", "q"): "hydraulic",
+    ("amount", "inflow"): "amount",
 }
 
 NAMES: dict[Domain, tuple[str, str]] = {domain: names for names, domain in DOMAINS.items()}
@@ -32,6 +33,7 @@ FLOWS: dict[Domain, str] = {
     "thermal": "W",
     "hydraulic": "m3/s",
     "electrical": "A",
+    "amount": "1/s",  # of what there is one: every store counts in its own unit
 }
 # The same by units, for a connector that calls them otherwise.
 _UNITS: dict[tuple[str, str], Domain] = {

@@ -46,7 +46,7 @@ _CATALOGUE = "Daest__Catalogue"
 _SIGNALS: tuple[Attachment, ...] = ("signal", "input", "output", "parameter")
 _ATTACHMENTS: tuple[Attachment, ...] = ("connector", "parallel", "series", *_SIGNALS)
 _ROLES: tuple[ParameterRole, ...] = ("size", "shape", "sharpness", "given")
-_SIGNAL_UNITS = ("", "u", "u/s", "1/u")
+_SIGNAL_UNITS = ("", "u", "u/s", "1/u", "1/(u.s)")
 MOST_KEPT = 100  # catalogues of effects in the cache
 _KEYS = (
     "effect",
@@ -287,7 +287,7 @@ def _read(roots: tuple[Path, ...], files: Sequence[Path], libraries: tuple[str, 
 
 
 def _order(item: tuple[str, _Entry]) -> tuple[int, str]:
-    domains = ("rotational", "translational", "electrical", "thermal", "hydraulic", "signal")
+    domains = ("rotational", "translational", "electrical", "thermal", "hydraulic", "amount", "signal")
     return domains.index(item[1].effect.domain), item[0]
 
 
@@ -610,7 +610,8 @@ def _parameter(parameter: Parameter, source: _Source) -> EffectParameter:
         raise annotation.error(
             "unit",
             f"unit of `{parameter.name}`",
-            'Write "u" for the unit of the signal, "u/s" for that per second, "1/u" for one over it.',
+            'Write "u" for the unit of the signal, "u/s" for that per second, "1/u" for one over it, '
+            '"1/(u.s)" for one over it per second.',
         )
     null = entries.get("null", 0 if role == "size" else None)
     grid = entries.get("grid", ())

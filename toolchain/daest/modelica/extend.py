@@ -406,7 +406,8 @@ def _assignments(placement: Placement, units: Mapping[str, str], held: Collectio
         array, _, index = parameter.name.partition("[")
         value = placement.values.get(parameter.name)
         known = units[parameter.name]
-        is_of_place = parameter.signal_unit or (placement.site.connectors and known != parameter.unit)
+        counts_by_place = bool(placement.site.connectors) or placement.site.domain == "amount"
+        is_of_place = parameter.signal_unit or (counts_by_place and known != parameter.unit)
         unit = known if is_of_place else ""
         if index:
             start = parameter.start if value is None else value

@@ -19,6 +19,7 @@ _PORTS: dict[Domain, str] = {
     "electrical": "Daest.Electrical.Analog.Interfaces.NegativePin",
     "thermal": "Daest.Thermal.HeatTransfer.Interfaces.HeatPort_b",
     "hydraulic": "Daest.Hydraulic.Interfaces.Port_b",
+    "amount": "Daest.Effects.Amounts.Interfaces.Port",
 }
 
 

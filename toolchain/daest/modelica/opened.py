@@ -50,6 +50,7 @@ _TERMS: dict[Domain, tuple[str, str, str]] = {
     "thermal": ("HeatFlow", "T", "port"),
     "hydraulic": ("VolumeFlow", "p", "port"),
     "electrical": ("Current", "v", "pin"),
+    "amount": ("Inflow", "amount", "port"),
 }  # class in Daest.Terms, the potential that it is given, its connector
 _OF_SPEED: dict[Domain, tuple[str, str]] = {
     "translational": ("ForceOfSpeed", "v"),
@@ -90,7 +91,7 @@ def opened_balance(
     """The text with a component of Daest.Terms in the equation of `balance`, and the connector of that
     component. Raises NotOpened."""
     name = free_name(f"{_plain(flat.unknowns[balance.variable].name)}_term", taken)
-    entries = (balance_entry(flat, balance),)
+    entries = (balance_entry(flat, balance, domain),)
     return _with_terms(source, flat, entries, _term(flat, balance, domain, name)), _end(name, domain)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import casadi as ca
 import numpy as np
 
-from daest.model.effects import Effect, EffectParameter, Site
+from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
 from daest.modelica.balances import DOMAINS, Balance, balances, base_unit
 from daest.modelica.clock import clock_unit, in_clock
@@ -21,30 +21,37 @@ from daest.quantities import conversion, dimensions, in_base_units, is_of
 _PRESSURE = re.compile(r"\bPa")  # in the unit of a parameter: the unit of a level, where that is the variable
 _SIGNAL = "u"  # in the unit of a parameter: the unit of the signal
 _INVERSE = "1/u"
+_INVERSE_RATE = "1/(u.s)"
+_NOT_BY_SECONDS = (_SIGNAL, _INVERSE, _INVERSE_RATE)  # nothing to convert, or converted as it is made
 _TOLERANCE = 1e-9  # relative, of numbers that rounding alone makes differ
 
 
 def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
     """Unit of every parameter of `effect` at `site` of the model, by its name; empty where it is not
     known."""
-    units, clock = _units_in_seconds(flat, effect, site), clock_unit(flat)
+    clock = clock_unit(flat)
+    units = _units_in_seconds(flat, effect, site, clock)
     if clock == "s":
         return units
     of_signal = site.kind in ("input", "output", "signal")
     stores = {size.name for size in effect.sizes if effect.is_dynamic and size.unit != "s" and not of_signal}
     # A discharge in m3/s is in that whatever the model counts: seconds of the law stand behind "u/s" alone.
-    kept = {p.name for p in effect.parameters if of_signal and p.signal_unit in (_SIGNAL, _INVERSE)}
+    by_unit = of_signal or effect.domain == "amount"
+    kept = {p.name for p in effect.parameters if by_unit and p.signal_unit in _NOT_BY_SECONDS}
     told = {name: unit if name in kept else in_clock(unit, clock) for name, unit in units.items()}
     return {name: "" if name in stores else unit for name, unit in told.items()}
 
 
-def _units_in_seconds(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
-    """The units of `units_at` where the model counts time in seconds."""
+def _units_in_seconds(flat: FlatModel, effect: Effect, site: Site, clock: str) -> dict[str, str]:
+    """The units of `units_at` where the model counts time in seconds, but for those over a signal and the
+    time of the `clock`."""
     if site.kind in ("input", "output", "signal"):
         known = {x.name: x.unit for x in flat.unknowns} if site.kind == "signal" else {}
         known |= {x.name: x.unit for x in flat.inputs} | {y.name: y.unit for y in flat.outputs}
         unit = known.get(site.name, "")
-        return {p.name: _of_signal(p, unit) for p in effect.parameters}
+        return {p.name: _of_signal(p, unit, clock) for p in effect.parameters}
+    if site.kind == "equation" and effect.domain == "amount":
+        return _of_amount(flat, effect, _balance_of(flat, site.name), clock)
     if site.kind in ("equation", "exchange"):
         balance = _balance_of(flat, site.name.split(", ")[0])
         if balance is not None and not balances_flows(flat, balance):
@@ -65,6 +72,16 @@ def _units_in_seconds(flat: FlatModel, effect: Effect, site: Site) -> dict[str, 
         if any(is_of_heads(flat, row, flow, one) for one in (ONE, *parts_divided_by(flat, row)[0])):
             return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
     return {p.name: p.unit for p in effect.parameters}
+
+
+def _of_amount(flat: FlatModel, effect: Effect, balance: Balance | None, clock: str) -> dict[str, str]:
+    """The units of an effect on an amount: what is a rate of it has no known unit where the rate stands
+    behind a factor that moves, since the term is then no rate alone."""
+    if balance is None:
+        return dict.fromkeys((p.name for p in effect.parameters), "")
+    unit, is_rate = flat.unknowns[balance.variable].unit, rate_factor(flat, balance) is not None
+    is_known = {p.name: is_rate or p.role != "size" for p in effect.parameters}
+    return {p.name: _of_signal(p, unit, clock) if is_known[p.name] else "" for p in effect.parameters}
 
 
 def _units_of_connector(flat: FlatModel, site: Site) -> tuple[str, str]:
@@ -102,9 +119,9 @@ def _balance_of(flat: FlatModel, name: str) -> Balance | None:
     return next((b for b in balances(flat) if b.name(flat) == name), None)
 
 
-def _of_signal(parameter: EffectParameter, unit: str) -> str:
-    """`u` stands for the unit of the signal, `u/s` for that per second, `1/u` for one over it; without one,
-    none is known."""
+def _of_signal(parameter: EffectParameter, unit: str, clock: str) -> str:
+    """`u` stands for the unit of the signal, `u/s` for that per second, `1/u` for one over it, `1/(u.s)` for
+    one over it and over the unit of the `clock`; without one, none is known."""
     written = parameter.signal_unit
     if not written:
         return parameter.unit
@@ -112,6 +129,9 @@ def _of_signal(parameter: EffectParameter, unit: str) -> str:
         return unit
     if written == _INVERSE:
         return "1" if unit == "1" else f"1/({unit})" if set(unit) & set("./") else f"1/{unit}"
+    if written == _INVERSE_RATE:
+        over, _, under = unit.partition("/")
+        return f"1/{clock}" if unit == "1" else f"{under.strip('()') or 1}/({over}.{clock})"
     return (f"({unit})" if "/" in unit else unit) + written.removeprefix(_SIGNAL)
 
 
@@ -199,10 +219,18 @@ def _flows(flat: FlatModel, unit: str) -> Iterator[tuple[ca.SX, float]]:
             yield symbol, conversion(variable.unit, unit).scale
 
 
-def balance_entry(flat: FlatModel, balance: Balance) -> Entry:
-    """Where a flow enters the model at a balance; one whose units do not tell takes it as it is."""
-    factor = flow_factor(flat, balance)
+def balance_entry(flat: FlatModel, balance: Balance, domain: Domain | None = None) -> Entry:
+    """Where a flow of an effect of a `domain` enters the model at a balance; one whose units do not tell
+    takes it as it is. What enters an amount is a rate of it, and stands beside the rate that is there."""
+    factor = rate_factor(flat, balance) if domain == "amount" else flow_factor(flat, balance)
     return Entry(balance.row, balance.sign, ONE if factor is None else factor)
+
+
+def rate_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
+    """By what the rate is multiplied in the equation of a balance, without the sign: V in `V*der(c) = q`.
+    None where that moves with the model, as the volume of a vessel that fills does."""
+    factor = ca.simplify(balance.sign * _slope(flat, balance.row, balance.rate))
+    return factor if is_of_parameters(flat, factor) else None
 
 
 def has_drop(flat: FlatModel, row: int, flow: int, drop: str, unit: str, times: ca.SX = ONE) -> bool:

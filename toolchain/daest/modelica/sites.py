@@ -72,6 +72,7 @@ def sites(flat: Model) -> tuple[Site, ...]:
     physical = _physical(flat)
     places = (
         *physical,
+        *_amounts(flat),
         *signals,
         *_inside(flat, physical),
         *(Site(name, "parameter", "signal") for name in used_parameters(flat)),
@@ -143,9 +144,24 @@ def _equations(flat: FlatModel, domain: Domain | None = None) -> list[Site]:
         unit = flat.unknowns[balance.variable].unit
         own = balance.domain(flat) if unit else domain
         if own is not None:
-            aliases = (flat.equations[balance.row].text, flat.unknowns[balance.variable].name)
-            found.append(Site(balance.name(flat), "equation", own, aliases=aliases))
+            found.append(_at_balance(flat, balance, own))
     return found
+
+
+def _for_effect(flat: FlatModel, effect: Effect) -> list[Site]:
+    """The balances where an effect is put in by name: its domain tells that of a variable without a unit."""
+    told = _amounts(flat) if effect.domain == "amount" else []
+    return [*_equations(flat, effect.domain), *told]
+
+
+def _amounts(flat: FlatModel) -> list[Site]:
+    """Balances among the model's own equations of what belongs to no physical domain (`is_amount`)."""
+    return [_at_balance(flat, one, "amount") for one in balances(flat) if one.is_amount(flat)]
+
+
+def _at_balance(flat: FlatModel, balance: Balance, domain: Domain) -> Site:
+    aliases = (flat.equations[balance.row].text, flat.unknowns[balance.variable].name)
+    return Site(balance.name(flat), "equation", domain, aliases=aliases)
 
 
 def _of_fitting_units(flat: FlatModel) -> list[Balance]:
@@ -261,7 +277,7 @@ def find_site(flat: Model, name: str, effect: Effect | None = None, number: int 
         found += _pair_named(flat, wanted)
     if effect is not None and isinstance(flat, FlatModel):
         # Without a unit the effect tells the domain; what was put in elsewhere changes the number of a row.
-        own, variable = _equations(flat, effect.domain), wanted.rpartition(":")[2]
+        own, variable = _for_effect(flat, effect), wanted.rpartition(":")[2]
         bodies = ", ".join(part.rpartition(":")[2] for part in wanted.split(", "))
         between = [s for s in known if s.kind in ("exchange", "force", "mesh") and s not in found]
         found += [s for s in between if bodies == s.aliases[-1]]
@@ -293,7 +309,7 @@ def number_of(flat: Model, site: Site, effect: Effect) -> int:
     rate of a speed in several. What is put in elsewhere changes their rows, and not their order."""
     if not isinstance(flat, FlatModel) or site.kind != "equation":
         return 0
-    own = [s for s in _equations(flat, effect.domain) if s.aliases[1] == site.aliases[1]]
+    own = [s for s in _for_effect(flat, effect) if s.aliases[1] == site.aliases[1]]
     alike = [s.name for s in own if fits(effect, s)]
     return alike.index(site.name) if site.name in alike else 0
 

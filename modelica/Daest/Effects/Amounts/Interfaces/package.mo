@@ -1,0 +1,3 @@
+within Daest.Effects.Amounts;
+package Interfaces "Connector and base of effects on amounts"
+end Interfaces;

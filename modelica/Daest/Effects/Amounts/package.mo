@@ -1,0 +1,3 @@
+within Daest.Effects;
+package Amounts "Effects on amounts and concentrations that belong to no physical domain"
+end Amounts;
