@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from oscillator import OSCILLATOR, record
 
+from daest.data import contradictions as recorded
 from daest.data.contradictions import Contradiction, Exchange, contradictions, exchanges
 from daest.diagnosis import contradicted as module
 from daest.diagnosis.contradicted import contradicted
@@ -15,6 +16,7 @@ from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.improve import improve
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
+from daest.numerics.deadline import check
 from daest.systems.simulate import simulate
 
 Y, V = 0, 1
@@ -25,6 +27,15 @@ def case():
     flat = compile_text(OSCILLATOR.format(extra="").encode(), Path("Oscillator.mo"))
     stiff = tuple(replace(p, estimate=p.estimate and p.name != "b") for p in flat.parameters)
     return replace(flat, parameters=stiff), record(flat, 600, 1)
+
+
+def test_a_turned_input_with_which_no_simulation_ends_is_no_contradiction(monkeypatch) -> None:
+    def endless(*_) -> float:
+        while True:
+            check()
+
+    monkeypatch.setattr(recorded, "_relative_error", endless)
+    assert recorded._error_within(0.05, None, None, None) == np.inf
 
 
 def times(experiment, column, factor):

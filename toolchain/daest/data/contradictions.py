@@ -4,6 +4,7 @@ as many times as large as another unit would make it.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -16,8 +17,10 @@ from daest.data.limits import DATA
 from daest.errors import DaestError
 from daest.model.experiment import Experiment, Finding
 from daest.model.flat import FlatModel, Model
+from daest.numerics.deadline import OutOfTimeError, check, until
 
 MOST_PARAMETERS = 8
+PATIENCE = 5.0  # times as long as the simulation as recorded may one of changed columns take
 LONGEST = 20_000  # samples of the recording that are simulated
 UNITS = {  # how many times as large the numbers of one unit are as those of another one
     180.0 / np.pi: "degrees are beside radians",
@@ -114,11 +117,11 @@ def _turned_inputs(flat: Model, driven: Any, part: Experiment) -> list[Contradic
     turned = {part.input_names[k]: Contradiction(part.input_names[k], -1.0, TURNED) for k in moving}
     try:
         for theta in _variants(flat):
-            limit = _relative_error(driven, part, theta) / DATA.other_scale
+            error, longest = _timed_error(driven, part, theta)
             turned = {
                 name: one
                 for name, one in turned.items()
-                if _relative_error(driven, one.mended(part), theta) < limit
+                if _error_within(longest, driven, one.mended(part), theta) < error / DATA.other_scale
             }
             if not turned:
                 return []
@@ -127,12 +130,28 @@ def _turned_inputs(flat: Model, driven: Any, part: Experiment) -> list[Contradic
     return list(turned.values()) if len(turned) == 1 else []
 
 
+def _timed_error(driven: Any, part: Experiment, theta: np.ndarray) -> tuple[float, float]:
+    """The `_relative_error` of a recording as it is, and how long one of a changed recording may take [s]."""
+    began = time.monotonic()
+    error = _relative_error(driven, part, theta)
+    return error, max(PATIENCE * (time.monotonic() - began), 1.0)
+
+
+def _error_within(longest: float, driven: Any, changed: Experiment, theta: np.ndarray) -> float:
+    """The `_relative_error` of a recording that was changed; infinite where that takes longer than `longest`
+    [s]: what nothing holds back any more, as a trailer that is pushed, is soon so fast that its simulation
+    comes to no end."""
+    with suppress(OutOfTimeError), until(time.monotonic() + longest):
+        return _relative_error(driven, changed, theta)
+    return np.inf
+
+
 def _relative_error(driven: Any, experiment: Experiment, theta: np.ndarray) -> float:
     """What a simulation leaves of the outputs, as a share of what they do without a trend: the root of the
-    mean square over those that move."""
+    mean square over those that move. Raises OutOfTimeError."""
     from daest.systems.simulate import simulate
 
-    simulated = simulate(driven, experiment, theta=theta).outputs
+    simulated = simulate(driven, experiment, theta=theta, tell=lambda _: check()).outputs
     shares = []
     for measured, values in zip(experiment.outputs.T, simulated.T, strict=True):
         known = np.isfinite(measured) & np.isfinite(values)
@@ -196,10 +215,10 @@ def _nearer(flat: Model, experiments: Sequence[Experiment], pairs: Sequence[Exch
     nearer: dict[Exchange, float] = {}
     with suppress(DaestError):
         driven = _driven(flat)
-        error = _relative_error(driven, part, theta)
+        error, longest = _timed_error(driven, part, theta)
         for one in pairs:
             with suppress(DaestError):  # a speed in place of an angle may be one of nothing
-                nearer[one] = _relative_error(driven, one.mended(part), theta)
+                nearer[one] = _error_within(longest, driven, one.mended(part), theta)
         return sorted((one for one in nearer if nearer[one] < error), key=nearer.__getitem__)
     return []
 
