@@ -101,7 +101,7 @@ def check(found, name: str, expected: dict[str, float]) -> None:
     assert not expected
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("machine", [of_tank, of_drug])
 def test_nothing_is_missing_where_nothing_is_hidden(machine, seed):
     assert machine(seed, lambda x, z: 0.0).verdict == "nothing missing"
@@ -122,12 +122,19 @@ DRUG_LAWS: dict[str, tuple[Rate, dict[str, float]]] = {
 }
 
 
-@pytest.mark.parametrize("name", TANK_LAWS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "FirstOrderLoss",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in TANK_LAWS if n != "FirstOrderLoss"),
+    ],
+)
 def test_what_a_dye_does_besides(name):
     hidden, expected = TANK_LAWS[name]
     check(of_tank(1, hidden), name, dict(expected))
 
 
+@pytest.mark.slow  # the same store of a drug: below
 def test_a_second_store_that_begins_empty():
     hidden, expected = TANK_LAWS["HiddenStore"]
     check(of_tank(1, hidden, begins=0.0), "HiddenStore", dict(expected))

@@ -60,7 +60,7 @@ def test_time_stamps_that_are_off_are_told_with_their_deviation(tmp_path) -> Non
     assert found.next_experiment == TRUE_TIMES
 
 
-@pytest.mark.parametrize(("off", "stiffens"), [(0.0, 300.0), (0.0, 0.0)])
+@pytest.mark.parametrize(("off", "stiffens"), [pytest.param(0.0, 300.0, marks=pytest.mark.slow), (0.0, 0.0)])
 def test_a_law_that_is_missing_and_nothing_are_no_time_stamps(tmp_path, off: float, stiffens: float) -> None:
     found = diagnosed(tmp_path, off, stiffens)
     assert found.verdict not in ("supported",) and "time stamps" not in found.message

@@ -129,7 +129,7 @@ def effect_library(libraries: Sequence[str | Path] = ()) -> tuple[Effect, ...]:
     is wrong.
 
         >>> sorted({effect.domain for effect in daest.effect_library()})
-        ['electrical', 'hydraulic', 'rotational', 'signal', 'thermal', 'translational']
+        ['amount', 'electrical', 'hydraulic', 'rotational', 'signal', 'thermal', 'translational']
     """
     return tuple(entry.effect for entry in _catalogue(_names(libraries), check=True).values())
 
