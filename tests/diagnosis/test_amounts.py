@@ -2,19 +2,12 @@
 nothing is hidden. Exact simulations of a dye in a stirred tank and of a drug in the blood."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from held_inputs import diagnosed, followed, held
 
-from daest.diagnosis.diagnose import diagnose
-from daest.diagnosis.options import DiagnoseOptions
-from daest.model.experiment import Experiment
-from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library
-
-PERIOD, N_SAMPLES = 0.1, 800  # the period in hours
+N_SAMPLES = 800  # every tenth of an hour
 TANK = b"""
 model Tank "a dye in a stirred tank, time in hours"
   parameter Real V(unit = "l", min = 0) = 45 annotation(__Daest(estimate = true));
@@ -40,34 +33,11 @@ end Drug;
 Rate = Callable[[float, float], float]  # of what the store holds, and of what a second one would balance
 
 
-def held(rng, low, high, n_held):
-    return np.repeat(rng.uniform(low, high, N_SAMPLES), n_held)[:N_SAMPLES]
-
-
-def followed(rate, start, inputs):
-    """States (n_samples, n) of `rate(x, u)` from `start`, with `inputs` (n_samples, n_u) held."""
-    states = [np.array(start, float)]
-    for u in inputs[:-1]:
-        run = solve_ivp(lambda _, x, u=u: rate(x, u), (0.0, PERIOD), states[-1], rtol=1e-9, atol=1e-9)
-        states.append(run.y[:, -1])
-    return np.array(states)
-
-
-def diagnosed(text, inputs, outputs, names):
-    time, half = PERIOD * np.arange(N_SAMPLES), N_SAMPLES // 2
-    parts = [
-        Experiment(f"{k}", time[s], inputs[s], outputs[s], *names)
-        for k, s in enumerate((slice(0, half), slice(half, None)))
-    ]
-    model = compile_text(text, Path("Machine.mo"))
-    return diagnose(model, effect_library(), parts[:1], parts[1:], DiagnoseOptions(hold="zoh"))
-
-
 def of_tank(seed: int, hidden: Rate, begins: float = 1.0):
     """The diagnosis of a dye [mg/l] with a hidden rate; a second store, which lags by 4 h, begins with a
     share of what is there."""
     rng = np.random.default_rng(seed)
-    inputs = np.column_stack([held(rng, 5.0, 40.0, 37), held(rng, 0.0, 12.0, 53)])
+    inputs = np.column_stack([held(rng, 5.0, 40.0, 37, N_SAMPLES), held(rng, 0.0, 12.0, 53, N_SAMPLES)])
 
     def rate(x, u):
         return [u[0] * (u[1] - x[0]) / 50.0 + hidden(*x), (x[0] - x[1]) / 4.0]
@@ -80,7 +50,7 @@ def of_tank(seed: int, hidden: Rate, begins: float = 1.0):
 def of_drug(seed: int, hidden: Rate):
     """The same of a drug [mg], whose clearance is estimated."""
     rng = np.random.default_rng(seed)
-    inputs = held(rng, 0.0, 50.0, 41)[:, None]
+    inputs = held(rng, 0.0, 50.0, 41, N_SAMPLES)[:, None]
 
     def rate(x, u):
         return [u[0] - 0.25 * x[0] + hidden(*x), (x[0] - x[1]) / 4.0]

@@ -4,6 +4,7 @@ of voltage between two corners, and exponentials."""
 from pathlib import Path
 
 import numpy as np
+from test_play import MOTOR
 
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
@@ -12,18 +13,6 @@ from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import effect_library
 
-MOTOR = """model Motor
-  parameter Real J(unit = "kg.m2", min = 0) = 0.3 "Rotor";
-  parameter Real k(unit = "N.m/V", min = 0) = 1 "Torque of the voltage" annotation(__Daest(estimate = true));
-  parameter Real d(unit = "N.m.s/rad", min = 0) = 0.4 "Friction" annotation(__Daest(estimate = true));
-  input Real u(unit = "V");
-  output Real w(unit = "rad/s") annotation(__Daest(std = 0.05));
-  Real speed(unit = "rad/s", start = 0);
-equation
-  J*der(speed) = k*u - d*speed;
-  w = speed;
-end Motor;
-"""
 EFFECTS = ("RateLimit", "Lag", "Delay", "CoulombFriction", "Saturation")
 DT, FINE = 0.02, 50
 J, K, D = 0.3, 1.2, 0.5

@@ -1,17 +1,9 @@
 """What is added to a signal or a store: a share of an input that a sensor sees, a flow nobody measured."""
 
-from pathlib import Path
-
 import numpy as np
-from scipy.integrate import solve_ivp
+from held_inputs import diagnosed, followed, held
 
-from daest.diagnosis.diagnose import diagnose
-from daest.diagnosis.options import DiagnoseOptions
-from daest.model.experiment import Experiment
-from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library
-
-PERIOD, N_SAMPLES = 0.1, 1200
+N_SAMPLES = 1200
 SPRING = b"""
 model Spring "a loaded spring whose force and travel are measured"
   parameter Real c(unit = "N/mm", min = 0) = 0.9 annotation(__Daest(estimate = true));
@@ -43,38 +35,10 @@ end Chamber;
 """
 
 
-def held(rng, low, high, n_held):
-    return np.repeat(rng.uniform(low, high, N_SAMPLES), n_held)[:N_SAMPLES]
-
-
-def followed(rate, start, inputs):
-    """States (n_samples, n) of `rate(x, u)` from `start`, with `inputs` (n_samples, n_u) held."""
-    states = [np.array(start, float)]
-    for u in inputs[:-1]:
-        run = solve_ivp(lambda _, x, u=u: rate(x, u), (0.0, PERIOD), states[-1], rtol=1e-9, atol=1e-9)
-        states.append(run.y[:, -1])
-    return np.array(states)
-
-
-def diagnosed(text, inputs, outputs, names):
-    time, half = PERIOD * np.arange(N_SAMPLES), N_SAMPLES // 2
-    parts = [
-        Experiment(f"{k}", time[s], inputs[s], outputs[s], *names)
-        for k, s in enumerate((slice(0, half), slice(half, None)))
-    ]
-    return diagnose(
-        compile_text(text, Path("Machine.mo")),
-        effect_library(),
-        parts[:1],
-        parts[1:],
-        DiagnoseOptions(hold="zoh"),
-    )
-
-
 def test_a_sensor_that_sees_another_input():
     """A force sensor that answers to a load across it: an offset and some noise had been all."""
     rng = np.random.default_rng(4)
-    inputs = np.column_stack([held(rng, -5.0, 5.0, 15), held(rng, 2.0, 6.0, 23)])
+    inputs = np.column_stack([held(rng, -5.0, 5.0, 15, N_SAMPLES), held(rng, 2.0, 6.0, 23, N_SAMPLES)])
     x, z = followed(lambda x, u: [(u[0] - x[0]) / 0.5, (1.8 * u[1] - x[1]) / 0.8], [0, 0], inputs).T
     outputs = np.column_stack([1.1 * x + 0.05 * inputs[:, 1], z])
     outputs += np.array([0.05, 0.05]) * rng.standard_normal(outputs.shape)
@@ -89,7 +53,7 @@ def test_a_leak_into_a_vacuum_is_a_constant_flow():
     """Air comes in at the speed of sound, whatever the pressure inside: no leak or outlet of the library let
     anything in."""
     rng = np.random.default_rng(5)
-    inputs = np.column_stack([held(rng, 0.2, 1.0, 40), held(rng, 0.0, 0.2, 60)])
+    inputs = np.column_stack([held(rng, 0.2, 1.0, 40, N_SAMPLES), held(rng, 0.0, 0.2, 60, N_SAMPLES)])
     p = followed(lambda x, u: [(u[1] + 0.05 - 1.2e-3 * u[0] * x[0]) / 0.012], [120.0], inputs)
     outputs = p + 0.5 * rng.standard_normal(p.shape)
     found = diagnosed(CHAMBER, inputs, outputs, (("valve", "q"), ("gauge",)))
