@@ -18,6 +18,7 @@ from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.modelica.attach import attach_all, check_values
 from daest.modelica.balances import domain_of
+from daest.modelica.clock import clock_unit
 from daest.modelica.connectors import LEVEL
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import fits
@@ -152,12 +153,13 @@ def in_shapes(
     None of one that holds a body which turns on and on."""
     reached = ranges(explicit, time, states, inputs)
     counts = {} if innovations is None else periods(usable, explicit, time, states, inputs, innovations)
+    clock = clock_unit(flat)
     result: list[list[Candidate]] = []
     for candidate in usable:
         if _turns_on(candidate, reached):
             result.append([])
             continue
-        units, shaped = units_at(flat, candidate.effect, candidate.site), []
+        units, shaped = units_at(flat, candidate.effect, candidate.site, clock), []
         proved = _proved(candidate, reached)
         for number, values in enumerate(_shapes(candidate, reached, counts)):
             name = f"{candidate.name}_{number + 1}"
@@ -468,11 +470,8 @@ def _scale(candidate: Candidate, parameter: EffectParameter, ranges: Mapping[str
     """The largest magnitude of the effect's variable that the grid is relative to; 1 where it is absolute."""
     if not parameter.scale_of:
         return 1.0
-    of_place = ranges.get(candidate.site.name, 0.0)
-    if parameter.is_scaled_by_rate:
-        longest = ranges.get(TIME, 0.0)
-        return ranges.get(scaled_by(candidate, parameter), of_place) / longest if longest > 0.0 else 0.0
-    return ranges.get(scaled_by(candidate, parameter), of_place)
+    size = ranges.get(scaled_by(candidate, parameter), ranges.get(candidate.site.name, 0.0))
+    return size / ranges[TIME] if parameter.is_scaled_by_rate else size
 
 
 def scaled_by(candidate: Candidate, parameter: EffectParameter) -> str:

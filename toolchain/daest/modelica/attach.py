@@ -20,6 +20,7 @@ from daest.model.effects import Effect, EffectParameter, Placement, Site
 from daest.model.flat import FlatModel
 from daest.model.parts import DerivedParameter, Equation, NoiseInput, Output, Parameter, Variable
 from daest.modelica.balances import Balance, balances, converted_text, in_connectors, needs_position
+from daest.modelica.clock import clock_unit
 from daest.modelica.connectors import NAMES, connectors_of, flow_scale
 from daest.modelica.effects import OWN, EffectModel, effect_model
 from daest.modelica.factors import Entry
@@ -180,6 +181,10 @@ class _Assembly:
         )
 
     @cached_property
+    def _clock(self) -> str:
+        return clock_unit(self.flat)
+
+    @cached_property
     def _balances(self) -> dict[str, Balance]:
         return {balance.name(self.flat): balance for balance in balances(self.flat)}
 
@@ -292,7 +297,7 @@ class _Assembly:
         model's."""
         check_values(member.effect, placement.values)
         roles = {p.name: p for p in member.effect.parameters}
-        units = units_at(self.flat, member.effect, placement.site)
+        units = units_at(self.flat, member.effect, placement.site, self._clock)
         symbols: list[ca.SX] = []
         for parameter in member.model.parameters:
             full = f"{member.name}.{parameter.name}"

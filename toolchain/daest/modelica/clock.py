@@ -4,6 +4,7 @@ where C is in kW.h/K and Q in kW."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -30,9 +31,10 @@ def clock_unit(flat: FlatModel) -> str:
     """
     if not _has_longer_unit(flat):
         return "s"
-    told = list(_told(flat, _is_given))
+    units = _own_units(flat)
+    told = list(_told(flat, units, is_of_parameters))
     if not told:
-        moving = list(_told(flat, _is_of_known_units))
+        moving = list(_told(flat, units, partial(_is_of_known_units, units)))
         told = moving if _agree(moving) else _of_parameters(flat)
     return _CLOCKS.get(round(told[0]), "s") if _agree(told) else "s"
 
@@ -80,17 +82,18 @@ def _of_parameters(flat: FlatModel) -> list[float]:
     return [in_base_units(*symbols)] if rates and is_alone and "min" not in symbols else []
 
 
-def _told(flat: FlatModel, speaks: Callable[[FlatModel, ca.SX], bool]) -> Iterator[float]:
+def _told(
+    flat: FlatModel, units: Sequence[str], speaks: Callable[[FlatModel, ca.SX], bool]
+) -> Iterator[float]:
     """The seconds in the unit of time, as every rate tells beside every other term of its row whose factor
-    `speaks`; not those of loads and effects that were put in, whose units are not the model's."""
-    units = _own_units(flat)
+    `speaks`; not those of loads and effects that were put in, of which `_own_units` tells none."""
     rates = ca.jacobian(flat.residual, flat.derivatives)
     terms = ca.jacobian(flat.residual, ca.vertcat(flat.xi, flat.u))
     for row, variable in zip(*rates.sparsity().get_triplet(), strict=True):
         for at in terms[row, :].sparsity().get_triplet()[1]:
             pair = [rates[row, variable], terms[row, at]]
             if units[variable] and units[at] and speaks(flat, ca.vertcat(*pair)):
-                yield from _seconds(flat, pair, units[variable], units[at])
+                yield from _seconds(flat, units, pair, units[variable], units[at])
 
 
 def _own_units(flat: FlatModel) -> list[str]:
@@ -100,18 +103,11 @@ def _own_units(flat: FlatModel) -> list[str]:
     return ["" if x.name.partition(".")[0] in put_in else x.unit for x in known]
 
 
-def _is_given(flat: FlatModel, factors: ca.SX) -> bool:
-    return is_of_parameters(flat, factors)
-
-
-def _is_of_known_units(flat: FlatModel, factors: ca.SX) -> bool:
+def _is_of_known_units(units: Sequence[str], flat: FlatModel, factors: ca.SX) -> bool:
     """Whether every variable in the factors tells its unit."""
-    untold = [x for x, unit in zip(_variables(flat), _own_units(flat), strict=True) if not unit]
+    variables = ca.vertsplit(ca.vertcat(flat.xi, flat.u))
+    untold = [x for x, unit in zip(variables, units, strict=True) if not unit]
     return not ca.depends_on(factors, ca.vertcat(flat.derivatives, flat.w, flat.time, *untold))
-
-
-def _variables(flat: FlatModel) -> list[ca.SX]:
-    return ca.vertsplit(ca.vertcat(flat.xi, flat.u))
 
 
 def _put_in(flat: FlatModel) -> frozenset[str]:
@@ -119,14 +115,16 @@ def _put_in(flat: FlatModel) -> frozenset[str]:
     return flat.attached.union(e.origin for e in flat.equations if e.origin in flat.unknown_names)
 
 
-def _seconds(flat: FlatModel, pair: Sequence[ca.SX], unit: str, beside: str) -> Iterator[float]:
+def _seconds(
+    flat: FlatModel, units: Sequence[str], pair: Sequence[ca.SX], unit: str, beside: str
+) -> Iterator[float]:
     """The seconds in the unit of time by a `pair` of factors, of the rate of what is in `unit` and of what is
-    in `beside`. Nothing where a number stands in them, or where they tell no time."""
+    in `beside`, with the `units` of the variables. Nothing where a number
+    stands in them, or where they tell no time."""
     values = ca.Function("values", [flat.theta, ca.vertcat(flat.xi, flat.u)], pair)
-    own = _own_units(flat)
 
     def ratio(size: Callable[[str], float]) -> float:
-        sizes = [size(p.unit) for p in flat.parameters], [size(unit) for unit in own]
+        sizes = [size(p.unit) for p in flat.parameters], [size(one) for one in units]
         over, under = (float(one) for one in values(*sizes))
         return abs(over * size(unit) / (under * size(beside))) if under else 0.0
 

@@ -26,10 +26,10 @@ _NOT_BY_SECONDS = (_SIGNAL, _INVERSE, _INVERSE_RATE)  # nothing to convert, or c
 _TOLERANCE = 1e-9  # relative, of numbers that rounding alone makes differ
 
 
-def units_at(flat: FlatModel, effect: Effect, site: Site) -> dict[str, str]:
-    """Unit of every parameter of `effect` at `site` of the model, by its name; empty where it is not
-    known."""
-    clock = clock_unit(flat)
+def units_at(flat: FlatModel, effect: Effect, site: Site, clock: str | None = None) -> dict[str, str]:
+    """Unit of every parameter of `effect` at `site` of the model, by its name; empty where it is not known.
+    The `clock` is that of the model (`clock_unit`), for who asks for many effects."""
+    clock = clock_unit(flat) if clock is None else clock
     units = _units_in_seconds(flat, effect, site, clock)
     if clock == "s":
         return units
