@@ -59,8 +59,7 @@ def _exchanged(
     """The fit with the columns of one of the `pairs` exchanged, what is told of it, and how to mend it, where
     a simulation of the recordings as they are misses an output and all that this concerns are simulated far
     better with these two the other way round; else None."""
-    fits = given.simulated["estimation"].fit_percent
-    if min((percent or 0.0) for percent in fits.values()) > GATES.min_driven_fit:
+    if all(_followed(given, list(given.simulated["estimation"].fit_percent))):
         return None
     least = given.log_likelihood + GATES.min_late_gain
     options = IdentifyOptions(method="oe", hold=given.hold, second_look=False, least=least)
@@ -78,9 +77,14 @@ def _exchanged(
 def _follows(better: FitResult, pair: Exchange) -> bool:
     """Whether the model follows the outputs of a pair, of inputs all outputs, the other way round: numbers in
     two units are of two sizes, and an error that is smaller for that tells nothing."""
-    percents = better.simulated["estimation"].fit_percent
-    concerned = [name for name in percents if name in pair.signals] or list(percents)
-    return all((percents[name] or 0.0) > GATES.min_driven_fit for name in concerned)
+    outputs = better.simulated["estimation"].fit_percent
+    return all(_followed(better, [name for name in outputs if name in pair.signals] or list(outputs)))
+
+
+def _followed(fit: FitResult, names: Sequence[str]) -> list[bool]:
+    """Whether a simulation follows each of the outputs `names`."""
+    percents = fit.simulated["estimation"].fit_percent
+    return [(percents[name] or 0.0) > GATES.min_driven_fit for name in names]
 
 
 def _are_better(given: FitResult, better: FitResult, pair: Exchange) -> bool:
@@ -119,13 +123,8 @@ def _is_why(given: FitResult, better: FitResult, found: Sequence[Contradiction])
     outputs = better.simulated["estimation"].fit_percent
     turned = [one.signal for one in found if one.signal in outputs]
     names = turned or list(outputs)
-
-    def follows(fit: FitResult) -> list[bool]:
-        percents = fit.simulated["estimation"].fit_percent
-        return [(percents[name] or 0.0) > GATES.min_driven_fit for name in names]
-
-    as_given = follows(given)
-    return all(follows(better)) and not (any(as_given) if turned else all(as_given))
+    as_given = _followed(given, names)
+    return all(_followed(better, names)) and not (any(as_given) if turned else all(as_given))
 
 
 def _told(given: FitResult, better: FitResult, what: str, how: str, seconds: float) -> Diagnosis:

@@ -7,14 +7,14 @@ what a machine does outlasts a sample.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
 
 from daest.diagnosis.free_starts import free_runs
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null, grown, period_of
+from daest.diagnosis.null import Null, at_fit, period_of
 from daest.model.fit import FitResult
 from daest.quantities import spoken_duration
 
@@ -53,9 +53,7 @@ class Jitter:
 def jitter(null: Null, simulated: FitResult) -> Jitter | None:
     """What time stamps that are off would say of the errors of a simulation of the experiments with the
     parameters of the fit `simulated`; None where the model cannot be simulated, or nothing changes."""
-    flat = null.flat.with_theta(simulated.theta)
-    model = grown(null, flat, replace(null.explicit, flat=flat), simulated, null.experiments)
-    runs = free_runs(model, null.experiments)
+    runs = free_runs(at_fit(null, simulated), null.experiments)
     if runs is None:
         return None
     errors, slopes = [], []

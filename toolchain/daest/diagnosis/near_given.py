@@ -12,11 +12,11 @@ from contextlib import suppress
 from dataclasses import replace
 
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null
+from daest.diagnosis.null import Null, simulation_options
 from daest.diagnosis.open_loop import ITERATIONS
 from daest.diagnosis.settled import FAILURES
 from daest.estimation.identify import identify
-from daest.model.fit import FitResult, IdentifyOptions
+from daest.model.fit import FitResult
 from daest.model.parts import Parameter
 
 
@@ -32,16 +32,7 @@ def fit_near_given(null: Null, given: Mapping[str, float]) -> FitResult | None:
     there is none."""
     near = {name: value for name, value in given.items() if name in null.estimated}
     parameters = tuple(_kept(p, near[p.name]) if p.name in near else p for p in null.flat.parameters)
-    options = IdentifyOptions(
-        method="oe",
-        estimate=null.estimated,
-        fix=null.shortest_times,
-        start=near,
-        hold=null.hold,
-        max_iterations=ITERATIONS,
-        second_look=False,
-        shooting=1,
-    )
+    options = replace(simulation_options(null, null.estimated, ITERATIONS), start=near)
     with suppress(*FAILURES):
         return identify(replace(null.flat, parameters=parameters), null.experiments, options)
     return None

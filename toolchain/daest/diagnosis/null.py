@@ -518,6 +518,20 @@ def grown(
     )
 
 
+def simulation_options(null: Null, names: Sequence[str], iterations: int) -> IdentifyOptions:
+    """Of fits of the parameters `names` by simulation, in which the loads are without memory: the free
+    initial state of one that decays slowly would be a law of its own, the transient of a lag."""
+    return IdentifyOptions(
+        method="oe",
+        estimate=tuple(names),
+        fix=null.shortest_times,
+        hold=null.hold,
+        max_iterations=iterations,
+        second_look=False,
+        shooting=1,
+    )
+
+
 def at_fit(null: Null, fit: FitResult) -> Null:
     """The null at the values of another fit of its own model."""
     flat = null.flat.with_theta(fit.theta)

@@ -20,14 +20,14 @@ from daest.diagnosis.beside_starts import Started, beside_starts, started
 from daest.diagnosis.candidates import courses, ranges
 from daest.diagnosis.free_starts import free_runs
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null
+from daest.diagnosis.null import Null, simulation_options
 from daest.diagnosis.screen import RTOL, run_null, screen
 from daest.diagnosis.settled import FAILURES
 from daest.estimation.identify import identify
 from daest.estimation.signals import is_constant
 from daest.model.diagnosis import Candidate, InUse, Screen
 from daest.model.experiment import Experiment
-from daest.model.fit import Agreement, FitResult, IdentifyOptions, error_ratios, ratios_by_output
+from daest.model.fit import Agreement, FitResult, error_ratios, ratios_by_output
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.numerics.statistics import autoregression
 from daest.systems.integrate import integrate, integrator
@@ -147,16 +147,7 @@ def fitted_in_use(
     or from the values where it has `begun`; None where there is none. A search of few `iterations` has one
     start."""
     values = {p.name: p.value for p in flat.parameters}
-    times = null.shortest_times
-    options = IdentifyOptions(
-        method="oe",
-        estimate=tuple(names),
-        fix=times,
-        hold=null.hold,
-        max_iterations=iterations,
-        second_look=False,
-        shooting=1,
-    )
+    options = simulation_options(null, names, iterations)
     near = {name: reference.theta.get(name, values[name]) for name in names}
     starts = [near | {name: share * values[name] for name in sizes} for share in START_SHARES]
     if iterations < ITERATIONS:

@@ -64,9 +64,7 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     best = _simplest(accepted)
     instead = _what_refuses_all(order, best)
     if instead:
-        refused = (
-            p if p.verdict == "rejected" else replace(p, verdict="rejected", reason=instead) for p in order
-        )
+        refused = (p if p.verdict == "rejected" else _refused(p, instead) for p in order)
         return tuple(sorted(refused, key=lambda p: -p.delta_bic))
     close = [p for p in accepted if _is_rival(p, best) or _is_bent_otherwise(p, best)]
     same = [p for p in accepted if p is not best and _is_same_equation(p, best)]
@@ -89,11 +87,13 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
         if proof.verdict == "rejected" and proof not in doubted:
             result.append(proof)
         elif proof in twins:
-            reason = f"the data do not tell it from the same effect at {best.candidate.site.name}"
-            result.append(replace(proof, verdict="rejected", reason=reason))
+            result.append(
+                _refused(proof, f"the data do not tell it from the same effect at {best.candidate.site.name}")
+            )
         elif proof in nested:
-            reason = f"beside a constant load it says no more than {best.candidate.label}"
-            result.append(replace(proof, verdict="rejected", reason=reason))
+            result.append(
+                _refused(proof, f"beside a constant load it says no more than {best.candidate.label}")
+            )
         elif proof in close:
             others = tuple(p.candidate.label for p in close if p is not proof)
             alike = tuple(p.candidate.site.name for p in twins if proof is best)
@@ -108,18 +108,20 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
                 )
             )
         elif proof in idle:
-            reason = f"{best.candidate.label} says as much with fewer parameters"
-            result.append(replace(proof, verdict="rejected", reason=reason))
+            result.append(_refused(proof, f"{best.candidate.label} says as much with fewer parameters"))
         elif proof in same:
-            reason = f"it is the same equation as {best.candidate.label}"
-            result.append(replace(proof, verdict="rejected", reason=reason))
+            result.append(_refused(proof, f"it is the same equation as {best.candidate.label}"))
         else:
             worse = _bic(best) - _bic(proof)
             reason = f"{best.candidate.label} explains the data better (BIC {worse:.0f})"
             if worse < 0.0:
                 reason = f"{best.candidate.label} says nearly as much with fewer parameters"
-            result.append(replace(proof, verdict="rejected", reason=reason))
+            result.append(_refused(proof, reason))
     return tuple(sorted(result, key=partial(_place, best)))
+
+
+def _refused(proof: Proof, reason: str) -> Proof:
+    return replace(proof, verdict="rejected", reason=reason)
 
 
 def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
@@ -142,7 +144,7 @@ def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
         nearer = next((p for p in lags if _is_lag_far_nearer(p, proof)), None)
         if proof.verdict != "rejected" and nearer is not None:
             reason = f"{nearer.candidate.label} simulates unseen data far better, but {nearer.reason}"
-            proof = replace(proof, verdict="rejected", reason=reason)
+            proof = _refused(proof, reason)
         result.append(proof)
     return result
 
@@ -211,11 +213,11 @@ def _without_hopeless(proofs: Sequence[Proof]) -> list[Proof]:
         behind = most - proof.fit.log_likelihood - proof.in_use.gain
         if proof.verdict != "rejected" and proof.is_by_use and behind > GATES.hopeless_log_likelihood:
             reason = f"{best.candidate.label} explains the data far better (log-likelihood {behind:.0f})"
-            proof = replace(proof, verdict="rejected", reason=reason)
+            proof = _refused(proof, reason)
         better = next((p for p in seen if _is_better_both_ways(p, proof)), None)
         if proof.verdict != "rejected" and proof.is_by_use and better is not None:
             reason = f"{better.candidate.label} is likelier beside loads, and simulates unseen data better"
-            proof = replace(proof, verdict="rejected", reason=reason)
+            proof = _refused(proof, reason)
         result.append(proof)
     return result
 

@@ -21,7 +21,7 @@ from daest.diagnosis.candidates import with_shapes
 from daest.diagnosis.dead_times import DELAY, SHIFTS, best_shift
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.late_signals import LAG
-from daest.diagnosis.null import Null, period_of
+from daest.diagnosis.null import Null, period_of, simulation_options
 from daest.diagnosis.proof import bic_gain
 from daest.diagnosis.ranking import errors_last, most_likely
 from daest.diagnosis.reasons import NO_BEND, unseen_scales
@@ -152,7 +152,7 @@ def _dead_time(
     own = prepared.trial.candidate
     T = values[f"{own.name}.{own.effect.sizes[0].name}"]
     start = {name: nominal.theta[name] for name in null.estimated}
-    options = replace(_options(null, null.estimated), start=start, rtol=RTOL)
+    options = replace(simulation_options(null, null.estimated, ITERATIONS), start=start, rtol=RTOL)
     shift = best_shift(null, candidate.site, [share * T for share in SHIFTS], options)
     before = nominal.log_likelihood
     if shift is None or shift.log_likelihood - before < GATES.min_shift_gain * (value - before):
@@ -182,7 +182,8 @@ def nominal_simulation(null: Null, reference: FitResult) -> FitResult | None:
         return reference
     start = {name: reference.theta[name] for name in null.estimated}
     with suppress(*FAILURES):
-        return identify(null.flat, null.experiments, replace(_options(null, null.estimated), start=start))
+        options = simulation_options(null, null.estimated, ITERATIONS)
+        return identify(null.flat, null.experiments, replace(options, start=start))
     return None
 
 
@@ -250,7 +251,7 @@ def _best_fit(
     flat, fitted = model
     names = (*null.estimated, *candidate.estimated)
     nominal, known = simulation
-    options = replace(_options(null, names), least=nominal + GATES.min_dynamic_gain)
+    options = replace(simulation_options(null, names, ITERATIONS), least=nominal + GATES.min_dynamic_gain)
 
     def followed(begun: Sequence[Mapping[str, float]], iterations: int) -> list[Simulation]:
         found = []
@@ -306,20 +307,6 @@ def _likelihood(found: Simulation) -> float:
     return found[0]
 
 
-def _options(null: Null, names: Sequence[str]) -> IdentifyOptions:
-    """Of fits by simulation, in which the loads are without memory: the free initial state of one that decays
-    slowly would be a law of its own, the transient of a lag."""
-    return IdentifyOptions(
-        method="oe",
-        estimate=tuple(names),
-        fix=null.shortest_times,
-        hold=null.hold,
-        max_iterations=ITERATIONS,
-        second_look=False,
-        shooting=1,
-    )
-
-
 def best_simulation(null: Null) -> Simulation | None:
     """The better of two fits of the model as it is by simulation, from the null's parameters and from those
     that its search began with; None where neither succeeds, and where its dynamics are not affine."""
@@ -329,7 +316,7 @@ def best_simulation(null: Null) -> Simulation | None:
     family, found = state_space_family(null.explicit), []
     for start in ({}, begun):
         with suppress(DaestError):
-            options = replace(_options(null, null.estimated), start=start)
+            options = replace(simulation_options(null, null.estimated, ITERATIONS), start=start)
             found.append(searched(family, null.experiments, options))
     return max(found, key=_likelihood, default=None)
 

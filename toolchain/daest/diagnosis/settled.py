@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null, grown, loads_of, shortest_load
+from daest.diagnosis.null import Null, grown, loads_of, shortest_load, simulation_options
 from daest.diagnosis.screen import NullObserver, nuisance, run_null
 from daest.errors import DaestError
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
@@ -136,16 +136,8 @@ def fit_by_simulation(
     lost = _lost(null, white)
     begun = white.theta if beside is None else _better_in_simulation(white, beside)
     starts = [begun] + ([{**begun, **lost}] if lost else [])
-    times = null.shortest_times
-    options = IdentifyOptions(
-        method="oe",
-        estimate=names,
-        fix={name: T for name, T in times.items() if name in known},
-        hold=null.hold,
-        max_iterations=SIMULATED_ITERATIONS,
-        second_look=False,
-        shooting=1,
-    )
+    fixed = {name: T for name, T in null.shortest_times.items() if name in known}
+    options = replace(simulation_options(null, names, SIMULATED_ITERATIONS), fix=fixed)
     given = _given(null)
     ends: list[FitResult] = []
     for start in (*starts, {**begun, **given}):
