@@ -90,6 +90,11 @@ def free_name(base: str, taken: Iterable[str]) -> str:
     return next(name for n in count(1) if (name := base if n == 1 else f"{base}{n}") not in known)
 
 
+def numbered(name: str, number: int) -> str:
+    """The name of a component that stands for the one of that `name` in the part of that number."""
+    return f"{name}_{number}"
+
+
 def names_of(flat: FlatModel) -> set[str]:
     """The names of components and variables that the model declares itself."""
     names = [*flat.unknown_names, *flat.input_names, *flat.noise_names, *flat.output_names]
@@ -220,7 +225,19 @@ class _Assembly:
             )
         if not self.allow_repeated:
             self._refuse_repetition(effect, site)
-        member = self._member(placement)
+        if not site.parts:
+            self._put(placement)
+            return
+        first, *others = site.parts
+        name = self._put(replace(placement, site=first)).name
+        for number, part in enumerate(others, 2):
+            further = free_name(numbered(name, number), self._names)
+            self._put(replace(placement, site=part, name=further), shared=name)
+
+    def _put(self, placement: Placement, shared: str = "") -> _Member:
+        """A component at one place; of the component `shared` it takes the parameters."""
+        effect, site = placement.effect, placement.site
+        member = self._member(placement, shared)
         self._supply(member, placement)
         if site.kind == "node":
             self._join(member, effect.connectors[0], site.connectors[0])
@@ -250,8 +267,9 @@ class _Assembly:
             self._behind_signal(member, site.name)
         else:
             self._instead(member, site.name)
+        return member
 
-    def _member(self, placement: Placement) -> _Member:
+    def _member(self, placement: Placement, shared: str = "") -> _Member:
         """The effect's variables, parameters and equations, with nothing connected yet."""
         effect, site = placement.effect, placement.site
         model = effect_model(effect, across=effect.attach == "connector" and site.kind == "component")
@@ -259,7 +277,7 @@ class _Assembly:
         xi = [ca.SX.sym(f"{member.name}.{x.name}") for x in model.unknowns]
         derivatives = [ca.SX.sym(f"der({member.name}.{x.name})") for x in model.unknowns]
         w = [ca.SX.sym(f"{member.name}.{x.name}") for x in model.noises]
-        theta = self._parameters(member, placement)
+        theta = self._parameters(member, placement, shared)
         member.symbols = {x.name: symbol for x, symbol in zip(model.unknowns, xi, strict=True)}
         residual, initial, derived = model.function(
             column(derivatives), column(xi), column(w), column(theta), self.flat.time
@@ -292,9 +310,9 @@ class _Assembly:
         self._attached.add(name)
         return name
 
-    def _parameters(self, member: _Member, placement: Placement) -> list[ca.SX]:
+    def _parameters(self, member: _Member, placement: Placement, shared: str = "") -> list[ca.SX]:
         """The symbols of the effect's parameters; those that the place gives are expressions of the
-        model's."""
+        model's, and those of a `shared` component are this one's."""
         check_values(member.effect, placement.values)
         roles = {p.name: p for p in member.effect.parameters}
         units = units_at(self.flat, member.effect, placement.site, self._clock)
@@ -302,6 +320,8 @@ class _Assembly:
         for parameter in member.model.parameters:
             full = f"{member.name}.{parameter.name}"
             source = self._given(roles[parameter.name], placement)
+            if shared and not source:
+                source = f"{shared}.{parameter.name}"
             if source:
                 value = self._values[source]
                 self.derived.append(DerivedParameter(full, source, parameter.unit, parameter.description))
@@ -606,7 +626,10 @@ class _Assembly:
             )
 
     def with_equations_of(self, effect: Effect, site: Site) -> tuple[str, ...]:
-        """The components at the place that have the equations of the effect, in the order of their names."""
+        """The components at the place that have the equations of the effect, in the order of their names; of
+        equal places, at any of them."""
+        if site.parts:
+            return tuple(dict.fromkeys(c for part in site.parts for c in self.with_equations_of(effect, part)))
         peers = self._peers(site)
         if not peers:
             return ()

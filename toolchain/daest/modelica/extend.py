@@ -13,9 +13,9 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import ModelError
-from daest.model.effects import Domain, Effect, Placement, Site
+from daest.model.effects import Domain, Effect, EffectParameter, Placement, Site
 from daest.model.flat import FlatModel
-from daest.modelica.attach import attach, component_name, free_name, given_source, names_of
+from daest.modelica.attach import attach, component_name, free_name, given_source, names_of, numbered
 from daest.modelica.balances import balances
 from daest.modelica.compile import compile_text
 from daest.modelica.compiler import modification
@@ -35,6 +35,7 @@ from daest.modelica.opened import (
     opened_signal,
     output_binding,
     term_connector,
+    with_loop_written_out,
 )
 from daest.modelica.outline import (
     ClassHead,
@@ -186,9 +187,12 @@ def extend_model(
     component = name or component_name(effect, names_of(flat))
     placement = Placement(effect, site, component, values or {}, inputs or {})
     draft = _Draft(changes=_changes(parameters or {}, original))
-    draft.declarations.append(_declaration(placement, units_at(flat, effect, site), held))
-    _supply(draft, placement, flat)
-    original = _connect(draft, placement, original)
+    units = units_at(flat, effect, site)
+    for one in _one_by_one(placement, names_of(flat)):
+        shared = component if one.name != component else ""
+        draft.declarations.append(_declaration(one, units, held, shared))
+        _supply(draft, one, flat)
+        original = _connect(draft, one, original)
     own_name = _class_name(original, effect.name, new_name)
     place = f"in {site.aliases[0]}" if site.kind == "equation" else f"at {site.name}"
     about = f"{effect.name} {_quoted(place)}"
@@ -378,15 +382,31 @@ def _extends(base: str, changes: Sequence[str]) -> list[str]:
     return [f"  extends {base}(", *(f"    {change}," for change in changes[:-1]), f"    {changes[-1]});"]
 
 
-def _declaration(placement: Placement, units: Mapping[str, str], held: Collection[str] = ()) -> str:
-    """`Daest.Effects.Rotational.CoulombFriction coulombFriction(tau_c = 0.006) "Dry friction: …";`"""
+def _one_by_one(placement: Placement, taken: Collection[str]) -> list[Placement]:
+    """The placement, at equal places the one at each of them, under names of their own."""
+    if not placement.site.parts:
+        return [placement]
+    first, *others = placement.site.parts
+    found, known = [replace(placement, site=first)], {*taken, placement.name}
+    for number, part in enumerate(others, 2):
+        name = free_name(numbered(placement.name, number), known)
+        known.add(name)
+        found.append(replace(placement, site=part, name=name))
+    return found
+
+
+def _declaration(
+    placement: Placement, units: Mapping[str, str], held: Collection[str] = (), shared: str = ""
+) -> str:
+    """`Daest.Effects.Rotational.CoulombFriction coulombFriction(tau_c = 0.006) "Dry friction: …";`, or with
+    the parameters of the component `shared`."""
     effect, site = placement.effect, placement.site
     changes = ["useSupport = true"] if _is_across(placement) else []
     for parameter in effect.parameters:
         source = given_source(parameter, site)
         if source and parameter.name not in placement.values:
             changes.append(f"{parameter.name} = {source}")
-    changes += _assignments(placement, units, held)
+    changes += _shared(placement, units, shared) if shared else _assignments(placement, units, held)
     modified = f"({', '.join(changes)})" if changes else ""
     head = f"{effect.class_name} {placement.name}{modified}"
     about = f'"{_quoted(effect.description)}";'
@@ -405,10 +425,7 @@ def _assignments(placement: Placement, units: Mapping[str, str], held: Collectio
     for parameter in placement.effect.parameters:
         array, _, index = parameter.name.partition("[")
         value = placement.values.get(parameter.name)
-        known = units[parameter.name]
-        counts_by_place = bool(placement.site.connectors) or placement.site.domain == "amount"
-        is_of_place = parameter.signal_unit or (counts_by_place and known != parameter.unit)
-        unit = known if is_of_place else ""
+        unit = _unit_told(placement, parameter, units)
         if index:
             start = parameter.start if value is None else value
             arrays.setdefault(array + _with_unit(unit, "each "), []).append(number_text(float(start)))
@@ -420,6 +437,27 @@ def _assignments(placement: Placement, units: Mapping[str, str], held: Collectio
     changed = {name.partition("[")[0] for name in placement.values if "[" in name}
     given = [name for name in arrays if name.partition("(")[0] in changed]
     return found + [f"{name} = {{{', '.join(arrays[name])}}}" for name in given]
+
+
+def _shared(placement: Placement, units: Mapping[str, str], component: str) -> list[str]:
+    """`tau_c = coulombFriction.tau_c` for every parameter, final: that of the other component alone is
+    estimated."""
+    found: dict[str, str] = {}
+    for parameter in placement.effect.parameters:
+        if given_source(parameter, placement.site) and parameter.name not in placement.values:
+            continue
+        array, _, index = parameter.name.partition("[")
+        unit = _unit_told(placement, parameter, units)
+        found[array] = f"final {array}{_with_unit(unit, 'each ' if index else '')} = {component}.{array}"
+    return list(found.values())
+
+
+def _unit_told(placement: Placement, parameter: EffectParameter, units: Mapping[str, str]) -> str:
+    """The unit of a parameter where it is that of the place, and not the one of its class."""
+    known = units[parameter.name]
+    counts_by_place = bool(placement.site.connectors) or placement.site.domain == "amount"
+    is_of_place = parameter.signal_unit or (counts_by_place and known != parameter.unit)
+    return known if is_of_place else ""
 
 
 def _with_unit(unit: str, each: str = "") -> str:
@@ -479,18 +517,14 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Origi
     elif site.kind == "connector":
         _in_series(draft, placement, original)
     elif site.kind == "equation":
-        original, end = _opened_balance(original, site.name, site.domain)
+        original, end = _opened_for(original, site.name, site.domain)
         draft.connect(f"{name}.{effect.connectors[0]}", _reachable(original, (end,)))
     elif site.kind == "exchange":
-        variables = [part.rpartition(":")[2] for part in site.name.split(", ")]
-        for own, variable in zip(effect.connectors, variables, strict=True):
-            if variable in original.flat.input_names:
-                draft.connect(f"{name}.{own}", _prescribed(draft, original.flat, name, variable))
+        for own, part in zip(effect.connectors, site.name.split(", "), strict=True):
+            if part in original.flat.input_names:
+                draft.connect(f"{name}.{own}", _prescribed(draft, original.flat, name, part))
                 continue
-            # What has been opened before changes the number of an equation.
-            names = original.flat.unknown_names
-            opened = next(b for b in balances(original.flat) if names[b.variable] == variable)
-            original, end = _opened_balance(original, opened.name(original.flat), site.domain)
+            original, end = _opened_for(original, part, site.domain)
             draft.connect(f"{name}.{own}", end)
     elif site.kind == "force":
         original = _beside_force(draft, placement, original)
@@ -523,6 +557,15 @@ def _prescribed(draft: _Draft, flat: FlatModel, name: str, variable: str) -> str
     return f"{source}.port"
 
 
+def _opened_for(original: _Original, place: str, domain: Domain) -> tuple[_Original, str]:
+    """As `_opened_balance`, of a place as the model named it before others were opened, which changes the
+    numbers of its equations."""
+    names, variable = original.flat.unknown_names, place.rpartition(":")[2]
+    alike = [b for b in balances(original.flat) if names[b.variable] == variable]
+    same = next((b for b in alike if b.name(original.flat) == place), alike[0])
+    return _opened_balance(original, same.name(original.flat), domain)
+
+
 def _opened_balance(original: _Original, place: str, domain: Domain) -> tuple[_Original, str]:
     """The model with a connector at a bare equation, and that connector."""
     flat = original.flat
@@ -537,6 +580,9 @@ def _opened_balance(original: _Original, place: str, domain: Domain) -> tuple[_O
         return original, end
     shown = f"the equation {flat.equations[balance.row].text}"
     with _opening(original, shown):
+        source = with_loop_written_out(original.source, flat, balance.row)
+        if source != original.source:
+            return _opened_for(original.changed(source), place, domain)
         source, end = opened_balance(original.source, flat, balance, domain, names_of(flat))
     return original.changed(source), end
 

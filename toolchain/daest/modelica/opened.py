@@ -43,6 +43,7 @@ from daest.modelica.outline import (
 )
 from daest.modelica.place_units import balance_entry
 from daest.modelica.sites import BEHIND_OUTPUT
+from daest.modelica.unrolled import without_loop
 
 _TERMS: dict[Domain, tuple[str, str, str]] = {
     "translational": ("Force", "s", "flange"),
@@ -93,6 +94,20 @@ def opened_balance(
     name = free_name(f"{_plain(flat.unknowns[balance.variable].name)}_term", taken)
     entries = (balance_entry(flat, balance, domain),)
     return _with_terms(source, flat, entries, _term(flat, balance, domain, name)), _end(name, domain)
+
+
+def with_loop_written_out(source: bytes, flat: FlatModel, number: int) -> bytes:
+    """The text in which the equation of that number stands for itself: a loop around it is written out.
+    Raises NotOpened."""
+    equation = flat.equations[number]
+    n_alike = sum(one.place == equation.place for one in flat.equations)
+    if n_alike == 1:
+        return source
+    start = _offset(source, flat, equation.place)
+    _, words = _class_at(source, start)
+    at = next(i for i, w in enumerate(words) if w.start == start)
+    text = without_loop(source, words, at, n_alike)
+    return source if text is None else text
 
 
 def opened_force(

@@ -45,6 +45,8 @@ def units_at(flat: FlatModel, effect: Effect, site: Site, clock: str | None = No
 def _units_in_seconds(flat: FlatModel, effect: Effect, site: Site, clock: str) -> dict[str, str]:
     """The units of `units_at` where the model counts time in seconds, but for those over a signal and the
     time of the `clock`."""
+    if site.parts:
+        return _units_in_seconds(flat, effect, site.parts[0], clock)
     if site.kind in ("input", "output", "signal"):
         known = {x.name: x.unit for x in flat.unknowns} if site.kind == "signal" else {}
         known |= {x.name: x.unit for x in flat.inputs} | {y.name: y.unit for y in flat.outputs}

@@ -17,6 +17,7 @@ from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
 from daest.modelica.balances import Balance, balances, domain_of, in_connectors, slopes_near_start
 from daest.modelica.connectors import Connector, connectors_of, flow_scale
+from daest.modelica.equal_places import equal_places
 from daest.modelica.inner_signals import inner_signals, is_lag
 from daest.modelica.internal_forces import internal_forces
 from daest.modelica.meshes import meshes
@@ -70,9 +71,11 @@ def sites(flat: Model) -> tuple[Site, ...]:
         if model is flat:
             return places
     physical = _physical(flat)
+    amounts = _amounts(flat)
     places = (
         *physical,
-        *_amounts(flat),
+        *amounts,
+        *equal_places(flat, [*physical, *amounts]),
         *signals,
         *_inside(flat, physical),
         *(Site(name, "parameter", "signal") for name in used_parameters(flat)),
@@ -244,7 +247,10 @@ def used_parameters(flat: FlatModel) -> list[str]:
 
 
 def fits(effect: Effect, site: Site) -> bool:
-    """Whether the effect can be attached at the site."""
+    """Whether the effect can be attached at the site; at equal places those alone that have no state."""
+    if site.parts:
+        is_static = not (effect.is_dynamic or effect.n_states)
+        return is_static and all(fits(effect, part) for part in site.parts)
     if site.kind in _SIGNALS:
         return effect.attach in _SIGNALS[site.kind] and (effect.is_limit or not site.limits_only)
     if effect.domain != site.domain:
