@@ -56,6 +56,7 @@ DRAWS = 20_000  # of the largest score under the null
 RTOL = 1e-4  # of a run of an observer: that of the refits, ...
 ATOL_OF_SCALE = 0.1  # ... with their absolute tolerance where the sizes of the states are known
 ALONE = "has states that do not follow the model alone"  # why an effect is skipped
+NO_SOLUTION = "its equations have no solution along the recordings"
 HALVINGS = 8  # of a gain with which the observer runs away
 AT_HAND = 1 << 20  # numbers (8 MiB) of the responses that are made at a time
 MOST_SENT = 1 << 24  # numbers (128 MiB) of the responses that another process makes
@@ -450,7 +451,16 @@ def _in_own_components(null: Null, run: NullObserver, shaped: Sequence[Candidate
     if not usable:
         return _Responding((), np.zeros((0, run.whitened.size)), refused)
     names = [name for c in usable for name in size_names(c)]
-    return _Responding(usable, _responses_to(null, run, explicit, sizes_of(explicit, names)), refused)
+    try:
+        responses = _responses_to(null, run, explicit, sizes_of(explicit, names))
+    except RuntimeError:  # a loop of equations that has no solution along the recordings
+        if len(usable) == 1:
+            refused = (*refused, (usable[0].label, NO_SOLUTION))
+            return _Responding((), np.zeros((0, run.whitened.size)), refused)
+        middle = len(usable) // 2
+        parts = [_in_own_components(null, run, half) for half in (usable[:middle], usable[middle:])]
+        return _in_order([c.name for c in usable], parts, refused)
+    return _Responding(usable, responses, refused)
 
 
 def _responses_to(null: Null, run: NullObserver, explicit: ExplicitModel, sizes: Sizes) -> np.ndarray:

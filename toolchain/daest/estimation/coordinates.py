@@ -169,7 +169,8 @@ def parameter_coordinate(
 
 def rescaled(unknowns: Unknowns, start: Callable[[], Evaluation | None], n_observed: int) -> Unknowns:
     """The unknowns with units for those linear parameters whose start value tells none: it is zero, or next
-    to nothing beside the change that moves the outputs by as much as is left of them at the `start`.
+    to nothing beside the change that moves the outputs by as much as is left of them at the `start`. What
+    does nothing there, as a wall between two equal parts, keeps the unit of its value.
 
     A search moves no coordinate by more than a few units in one step: from an offset of 0 N in units of 1 N
     it would creep towards one of 800 N. The `start` is evaluated only if there are such parameters.
@@ -181,7 +182,8 @@ def rescaled(unknowns: Unknowns, start: Callable[[], Evaluation | None], n_obser
         return unknowns
     for i in linear:
         one, information = coordinates[i], float(here.information[i, i])
-        unit = one.scale * np.sqrt(n_observed / information) if information > 0.0 else 0.0
+        does_something = information > FIT.rounded_influence * n_observed
+        unit = one.scale * np.sqrt(n_observed / information) if does_something else 0.0
         if abs(one.initial) < NEXT_TO_NOTHING * unit:
             coordinates[i] = replace(one, scale=float(unit))
     return replace(unknowns, coordinates=tuple(coordinates))

@@ -158,8 +158,9 @@ class Site:
     pipe, called `2:i` by its index and its current or flow, `2:R` where the current through a resistance
     has no variable; a "terminal" is an output voltage at which an input current flows, called `u:i` by
     both; "each" stands for all of `parts`, the same place in equal parts of the model, as `each T[i]`: an
-    effect sits at every one, with parameters that all share. `aliases` are other names for the same place; `parameters` what the place has of its own: names as
-    an effect asks for them, `c` for a stiffness, and those of the model's parameters.
+    effect sits at every one, with parameters that all share. `aliases` are other names for the same place;
+    `parameters` what the place has of its own: names as an effect asks for them, `c` for a stiffness, and
+    those of the model's parameters.
     `is_grounded`: the potential of its end a is constant, so that nothing drives a flow there, or that of b
     is, by a component of one connector. `limits_only`: of a signal, no law makes sense but one that cuts it.
     """

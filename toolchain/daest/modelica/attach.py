@@ -629,7 +629,9 @@ class _Assembly:
         """The components at the place that have the equations of the effect, in the order of their names; of
         equal places, at any of them."""
         if site.parts:
-            return tuple(dict.fromkeys(c for part in site.parts for c in self.with_equations_of(effect, part)))
+            return tuple(
+                dict.fromkeys(c for part in site.parts for c in self.with_equations_of(effect, part))
+            )
         peers = self._peers(site)
         if not peers:
             return ()

@@ -1,4 +1,4 @@
-"""Places that are the same in equal parts of a model: every node of `cell[1:4]`, every `T[i]` of a wall in layers.
+"""Places that are the same in equal parts of a model: the nodes of `cell[1:4]`, all `T[i]` of a layered wall.
 
 What acts on one of equal parts, as the heat that a pipe loses, acts on all of them: one law at each, with
 parameters that all share.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from daest.model.flat import FlatModel
 EACH = "each "  # begins the name of the places together
 _KINDS = ("node", "component", "pair", "connector", "equation", "exchange")
 _SUBSCRIPTS = re.compile(r"\[([\d, ]+)\]")
-_NUMBERED = re.compile(r"(?<=[A-Za-z_])(\d+)(?=\.)")  # at the end of the name of a component
+_NUMBERED = re.compile(r"^([A-Za-z_]\w*?)(\d+)(?=\.|$)")  # a component and its number
 _ROW = re.compile(r"^\d+:")  # before the name of a balance
 _LETTERS = "ijklmn"
 _FURTHEST = 1  # elements between which something is exchanged: neighbours
@@ -27,19 +26,12 @@ _FURTHEST = 1  # elements between which something is exchanged: neighbours
 def equal_places(flat: FlatModel, places: Sequence[Site]) -> list[Site]:
     """One place for all of `places` that differ in the subscripts of their names alone, or in the number
     behind the name of a component where the components have the same equations and values."""
-    groups: dict[tuple[object, ...], list[Site]] = {}
+    contents, groups = _Contents(flat), dict[object, list[Site]]()
     for site in places:
-        key = _likeness(site)
+        key = _likeness(site) or _likeness_by_number(site, contents)
         if key is not None:
             groups.setdefault(key, []).append(site)
-    numbered: dict[tuple[object, ...], list[Site]] = {}
-    contents = _Contents(flat)
-    for site in places:
-        if site.connectors and not _SUBSCRIPTS.search(site.name) and _NUMBERED.search(site.name):
-            owners = tuple(name.partition(".")[0] for name in site.name.split(", "))
-            told = (_NUMBERED.sub("#", site.name), site.kind, site.domain, contents.of(owners))
-            numbered.setdefault(told, []).append(site)
-    return [_together(group) for group in (*groups.values(), *numbered.values()) if len(group) > 1]
+    return [_together(group) for group in groups.values() if len(group) > 1]
 
 
 def _likeness(site: Site) -> tuple[object, ...] | None:
@@ -62,6 +54,21 @@ def _likeness(site: Site) -> tuple[object, ...] | None:
         return None
     pattern = ", ".join(_SUBSCRIPTS.sub("[]", part) for part in parts)
     return pattern, tuple(apart), site.kind, site.domain
+
+
+def _without_number(part: str) -> str:
+    return _NUMBERED.sub(r"\1#", part)
+
+
+def _likeness_by_number(site: Site, contents: _Contents) -> tuple[object, ...] | None:
+    """The same of places at components whose names end in numbers; None for others."""
+    parts = site.name.split(", ")
+    numbers = {found[2] for part in parts if (found := _NUMBERED.search(part))}
+    if site.kind not in _KINDS or not site.connectors or len(numbers) != 1:
+        return None
+    owners = tuple(part.partition(".")[0] for part in parts)
+    pattern = ", ".join(_without_number(part) for part in parts)
+    return pattern, site.kind, site.domain, contents.of(owners)
 
 
 def _indices(name: str) -> tuple[int, ...]:
@@ -112,7 +119,7 @@ def _pattern(site: Site) -> str:
 
 def _lettered(part: str, first: Sequence[int]) -> str:
     if not first:
-        return _NUMBERED.sub("#", part)
+        return _without_number(part)
     letters = iter(zip(_LETTERS, first, strict=False))
 
     def subscripts(found: re.Match[str]) -> str:

@@ -49,7 +49,8 @@ def joint(source: bytes, class_name: str, flat: FlatModel, connector: Connector,
     classes = Classes(lambda full: source if full in heads else None)
     scope: str | None = class_name
     for part in connector.name.split("."):
-        found = None if scope is None else classes.component(part, scope)
+        name_of_array = part.partition("[")[0]
+        found = None if scope is None else classes.component(name_of_array, scope)
         scope = None if found is None else classes.type_of(found)
     if scope is None:
         return None

@@ -63,6 +63,7 @@ _IN_SERIES: dict[Domain, tuple[str, str]] = {  # the class, and the flow along t
 }
 _NAME = re.compile(r"[A-Za-z_][\w.]*")  # in the text of an equation
 _TOTAL = "total"  # the variable of a term that stands in the equation
+_NOTHING = re.compile(r" \+ 0(?![\w.])")  # of the terms of other elements of an equation of vectors
 _SECTIONS = ("equation", "algorithm", "then", "else", "loop")
 _BLOCKS = ("if", "for", "when", "while")
 
@@ -181,36 +182,51 @@ def _with_terms(source: bytes, flat: FlatModel, entries: Sequence[Entry], term: 
         # A binding has nothing on its left that a term could be added to.
         is_left = entry.sign > 0 and bool(row.left)
         mark = "-" if entry.sign > 0 and not is_left else "+"
-        edits += _with_term(row.left if is_left else row.right, f"{mark} {added}")
+        elements = ["0"] * row.n_elements
+        elements[row.element] = added
+        shown = f"{{{', '.join(elements)}}}" if row.n_elements > 1 else added
+        edits += _with_term(row.left if is_left else row.right, f"{mark} {shown}")
     return edited(source, [*edits, _declared(source, rows[0][0].words, term.line)])
 
 
 @dataclass(frozen=True)
 class _Row:
     """The tokens of an equation left and right of its equality sign, those of a binding all on the right,
-    in the class of `head` with its `words`."""
+    in the class of `head` with its `words`: the one of that `element` of an equation of vectors."""
 
     head: ClassHead
     words: list[Token]
     left: list[Token]
     right: list[Token]
+    element: int = 0
+    n_elements: int = 1
 
 
 def _row_at(source: bytes, flat: FlatModel, number: int) -> _Row:
     """The equation of that number in the text. Raises NotOpened."""
     equation = flat.equations[number]
     start = _offset(source, flat, equation.place)
-    if sum(e.place == equation.place for e in flat.equations) > 1:
-        raise NotOpened("stands for several equations (an array or a loop)")
+    alike = [i for i, e in enumerate(flat.equations) if e.place == equation.place]
     head, words = _class_at(source, start)
+    if len(alike) > 1 and not _is_of_vectors(flat, words, start, number):
+        raise NotOpened("stands for several equations (a loop, or an array of more than one index)")
     if equation.kind != "binding":
-        return _Row(head, words, *_sides(words, start))
+        return _Row(head, words, *_sides(words, start), alike.index(number), len(alike))
     name = equation.text.partition(" = ")[0]
     at = next((i for i, w in enumerate(words) if w.start >= start and w.text == name), None)
     bound = [] if at is None else _binding_behind(words, at)
     if not bound:
         raise NotOpened("is a declaration whose binding cannot be found in the text")
     return _Row(head, words, [], bound)
+
+
+def _is_of_vectors(flat: FlatModel, words: Sequence[Token], start: int, number: int) -> bool:
+    """Whether the equation, one of several at byte `start`, is an element of one of vectors: not of a loop,
+    and the rates in it have one index each."""
+    at = next((i for i, w in enumerate(words) if w.start == start), 0)
+    rates = re.findall(r"der\(([^()]+)\)", flat.equations[number].text)
+    is_equation = flat.equations[number].kind != "binding" and words[at - 1].text not in _BLOCKS
+    return is_equation and bool(rates) and all(re.fullmatch(r"[\w.]+\[\d+\]", rate) for rate in rates)
 
 
 def _term(flat: FlatModel, balance: Balance, domain: Domain, name: str) -> _Term:
@@ -222,7 +238,8 @@ def _term(flat: FlatModel, balance: Balance, domain: Domain, name: str) -> _Term
     elif needs_position(domain):
         kind, potential = _OF_SPEED[domain]
     shown = converted_text(shown, in_connectors(variable.unit))
-    return _Term(name, f"{kind} {name}({potential} = {shown})", f"Term of {text}")
+    plain = _NOTHING.sub("", text)
+    return _Term(name, f"{kind} {name}({potential} = {shown})", f"Term of {plain}")
 
 
 def _sides(words: Sequence[Token], start: int) -> tuple[list[Token], list[Token]]:

@@ -9,17 +9,17 @@ block RateLimit "The signal changes no faster than a limit"
     annotation(__Daest(role = "shape", of = "sample", grid = {0.02}));
   Real x(start = 0, stateSelect = StateSelect.prefer) "Follower";
   Real z "How far the signal is ahead of it";
-  Real q "Fourth power of that, and of what lies between them at the limit";
+  Real h "Magnitude of that, rounded off below what lies between them at the limit";
 initial equation
   x = u;
 equation
   z = u - x;
-  q = z^4 + (limit*T)^4;
-  der(x) = limit*z/sqrt(sqrt(q));
-  y = u - share*z*z^4/q;
+  h = sqrt(sqrt(z^4 + (limit*T)^4));
+  der(x) = limit*z/h;
+  y = u - share*z*(z/h)^4;
   annotation(
     __Daest(effect = true, attach = "input",
-      law = "y = u - share*z^5/q, der(x) = limit*z/q^(1/4), z = u - x, q = z^4 + (limit*T)^4"),
+      law = "y = u - share*z*(z/h)^4, der(x) = limit*z/h, z = u - x, h = (z^4 + (limit*T)^4)^(1/4)"),
     Documentation(info = "Valves, rudders and drives that are moved by a motor of limited speed, power that
 is ramped: after a step the signal follows along a straight line."));
 end RateLimit;
