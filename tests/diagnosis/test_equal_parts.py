@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from held_inputs import diagnosed, followed, held
 
-
 N_SAMPLES = 500
 PIPE = b"""
 model Pipe "water through a pipe in parts"

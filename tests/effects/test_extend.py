@@ -209,7 +209,7 @@ equation
   der(s) = v "definition";
   F - n*v - m*der(v) = if s > 7 then 0 else 3*s "momentum" annotation(Icon());
   0 = P - 0.5*(T - 20) - C*der(T);
-  for i in 1:2 loop
+  for i in 1:1:2 loop
     0.3*der(w[i]) = F - w[i];
   end for;
   if n > 0.5 then

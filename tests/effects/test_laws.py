@@ -129,7 +129,7 @@ OTHERS: dict[str, tuple[str, Law]] = {
         "y",
         lambda v: v["u"] - v["share"] * v["side"] * ramp(v["side"] * (v["u"] - v["limit"]), v["u_s"]),
     ),
-    "RateLimit": ("y", lambda v: v["u"] - v["share"] * v["z"] ** 5 / v["q"]),
+    "RateLimit": ("y", lambda v: v["u"] - v["share"] * v["z"] * (v["z"] / v["h"]) ** 4),
     "Offset": ("y", lambda v: v["u"] + v["b"]),
     "Gain": ("y", lambda v: (1 + v["g"]) * v["u"]),
     "QuadraticGain": ("y", lambda v: v["u"] * (1 + v["a"] * np.hypot(v["u"], v["u_s"]))),
