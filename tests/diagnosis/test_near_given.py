@@ -9,7 +9,8 @@ import pytest
 from daest.diagnosis import course as course_module
 from daest.diagnosis import near_given
 from daest.diagnosis.course import Course
-from daest.diagnosis.near_given import are_driven_off, fit_near_given
+from daest.diagnosis.near_given import fit_near_given
+from daest.diagnosis.null import are_driven_off
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import Reference
 from daest.errors import EstimationError
