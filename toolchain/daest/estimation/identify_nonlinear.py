@@ -171,8 +171,8 @@ def nonlinear_ends(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> Non
             ends[0] = with_likelier_hold(best, home, setup.options)
             hold = ends[0].problem.hold
             if hold != best.problem.hold:
-                ends += best_ends(setup, replace(problem, hold=hold), home, home, tell)
-                ends.sort(key=lambda end: rank(end.found))
+                again = best_ends(setup, replace(problem, hold=hold), home, home, tell)
+                ends = min(ends, again, key=lambda found: rank(found[0].found))
             break
         turned = with_other_hold(best.problem, best.found, setup.options)
         if turned is None:
