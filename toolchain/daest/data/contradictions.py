@@ -186,8 +186,8 @@ CLOCKS = (OtherClock("min", 60.0), OtherClock("h", 3600.0), OtherClock("d", 8640
 
 def other_clock(flat: Model, experiment: Experiment) -> OtherClock | None:
     """The unit of time with which a simulation at the values of the model is far nearer to the recording than
-    in seconds; None where there is none. A model whose balances convert by numbers, as in `C/3600*der(T) = Q`,
-    does not tell by its units that it counts hours."""
+    in seconds; None where there is none. A model whose balances convert by numbers, as in
+    `C/3600*der(T) = Q`, does not tell by its units that it counts hours."""
     part = _shortened(experiment)
     with suppress(DaestError):
         driven, theta = _driven(flat), next(iter(_variants(flat)))

@@ -827,7 +827,7 @@ def _smallest(seen: Sequence[Screened]) -> str:
 def _is_beyond(entry: Screened) -> bool:
     """Whether an effect would be seen only beyond its largest size, as a share of more than all."""
     most = entry.candidate.effect.sizes[0].max
-    return bool(most) and entry.detectable > most
+    return most is not None and 0.0 < most < entry.detectable
 
 
 def _of_form(candidate: Candidate) -> str:
