@@ -366,6 +366,8 @@ def test_shares_of_more_than_all_are_not_told_as_what_would_have_shown():
     entries = (Screened(share, 2.0, (0.1,), 0.5, False, 100.0), other)
     shown = verdict_module._smallest([e for e in entries if not verdict_module._is_beyond(e)])
     assert shown == "CoulombFriction at rotor.flange_a from tau_c = 0.02 N.m"
+    of_number = replace(share, shape={"limit": 7.76}, units={"limit": "1"})
+    assert verdict_module._of_form(of_number) == " (limit = 7.76)"
 
 
 @pytest.mark.parametrize(("detectable", "name"), [(500.0, "cannot tell"), (0.3, "nothing missing")])

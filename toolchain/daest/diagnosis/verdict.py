@@ -819,9 +819,14 @@ def _smallest(seen: Sequence[Screened]) -> str:
     for entry in seen:
         size = entry.candidate.effect.sizes[0]
         law, label = entry.candidate.effect.name, entry.candidate.label + _of_form(entry.candidate)
-        unit = "" if entry.candidate.size_unit == "1" else entry.candidate.size_unit
+        unit = _shown_unit(entry.candidate.size_unit)
         smallest.setdefault(law, f"{label} from {size.name} = {entry.detectable:.2g} {unit}".rstrip())
     return "; ".join(list(smallest.values())[:4])
+
+
+def _shown_unit(unit: str) -> str:
+    """The unit as it stands behind a value: nothing for a number."""
+    return "" if unit == "1" else unit
 
 
 def _is_beyond(entry: Screened) -> bool:
@@ -835,7 +840,8 @@ def _of_form(candidate: Candidate) -> str:
     if not candidate.effect.sizes[0].is_share:
         return ""
     forms = [
-        f"{p.name} = {candidate.shape[p.name]:.3g} {candidate.units.get(p.name) or p.unit}".rstrip()
+        f"{p.name} = {candidate.shape[p.name]:.3g} "
+        f"{_shown_unit(candidate.units.get(p.name) or p.unit)}".rstrip()
         for p in candidate.effect.parameters
         if p.role == "shape" and p.estimate and p.name in candidate.shape
     ]
