@@ -285,3 +285,28 @@ def test_what_rises_with_the_model_is_not_turned_where_it_only_bends_otherwise()
     air = np.full((time.size, 1), 200.0)
     experiment = Experiment("water", time, air, rises[:, None], ("air",), ("c",))
     assert contradictions(compile_text(AERATION, Path("Aeration.mo")), experiment) == []
+
+
+HOURS = """model Store
+  parameter Real C(unit="kJ/K") = 250;
+  parameter Real G(unit="kW/K", min=0) = 0.1 annotation(__Daest(estimate=true, scale="log"));
+  input Real P(unit="kW");
+  output Real T(unit="degC", start=20, fixed=true) annotation(__Daest(std=0.1));
+equation
+  C/3600*der(T) = P - G*(T - 20);
+end Store;
+"""
+
+
+@pytest.mark.parametrize(("seconds", "unit"), [(3600.0, "h"), (86400.0, "d"), (1.0, "")])
+def test_a_model_that_counts_time_in_hours_without_telling_it_is_told(seconds, unit):
+    """A store of wax, read in seconds: its heat per kelvin was said to be 7532 and not 2.1 kJ/K."""
+    flat = compile_text(HOURS.encode(), Path("Store.mo"))
+    rng = np.random.default_rng(1)
+    time, P = 0.02 * np.arange(400), np.repeat(rng.uniform(0.0, 9.0, 20), 20)[:, None]
+    T = simulate(flat.with_theta({"G": 0.13}), (time, P), hold="zoh").outputs
+    noisy = T + 0.1 * rng.standard_normal(T.shape)
+    found = contradicted(flat, [Experiment("run", seconds * time, P, noisy, ("P",), ("T",))], [], None)
+    assert (found is not None) == bool(unit)
+    if found is not None:
+        assert f"the model counts time in {unit}, and the recording was read in s" in found.message

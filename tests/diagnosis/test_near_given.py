@@ -8,8 +8,10 @@ import pytest
 
 from daest.diagnosis import course as course_module
 from daest.diagnosis import near_given
+from daest.diagnosis import null as null_module
 from daest.diagnosis.course import Course
-from daest.diagnosis.near_given import are_driven_off, fit_near_given
+from daest.diagnosis.near_given import fit_near_given
+from daest.diagnosis.null import are_driven_off
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import Reference
 from daest.errors import EstimationError
@@ -147,3 +149,22 @@ def _with(one: Any, parts: Any) -> Any:
     if isinstance(one, Stand):
         return Stand(one.declared, one.null, one.fit, parts["reference"].opened)
     return Reference(one.fit, one.foreseen, simulated=one.simulated, opened=parts["opened"])
+
+
+@pytest.mark.parametrize(
+    ("beside", "alone", "values"),
+    [
+        ({"m": 40.0, "b": -2.0}, {"m": 0.4, "b": -2.1}, {"m": 0.4, "b": -2.1}),
+        ({"m": 0.5, "b": -2.0}, {"m": 0.4, "b": -2.1}, {}),
+        ({"m": 40.0, "b": -2.0}, {"m": 30.0, "b": -2.1}, {}),
+    ],
+)
+def test_what_loads_drive_off_begins_again_where_the_model_alone_stays_near(
+    monkeypatch: pytest.MonkeyPatch, beside: Any, alone: Any, values: Any
+) -> None:
+    """A pendulum on an arm, balanced: beside loads its arm had weighed a hundred times as much."""
+    given = [SimpleNamespace(name=name, value=value, estimate=True) for name, value in GIVEN.items()]
+    fit = SimpleNamespace(status="converged", theta=alone, parameters=())
+    monkeypatch.setattr(null_module, "identify", lambda *_: fit)
+    flat, loaded = SimpleNamespace(parameters=given), SimpleNamespace(theta=beside)
+    assert null_module._near_values_alone(cast(Any, flat), (), "zoh", cast(Any, loaded)) == values

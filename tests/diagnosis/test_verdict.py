@@ -360,6 +360,16 @@ def test_a_sure_search_is_told_where_a_simulation_is_as_good_as_predictions(proo
     assert "Nothing is missing at this noise level" in quiet and "seen something" not in quiet
 
 
+def test_shares_of_more_than_all_are_not_told_as_what_would_have_shown():
+    share = next(c for c in pairs(some_effects("Saturation"), sites(model())))
+    other = Screened(candidate("CoulombFriction"), 1.0, (0.1,), 0.5, False, 0.02)
+    entries = (Screened(share, 2.0, (0.1,), 0.5, False, 100.0), other)
+    shown = verdict_module._smallest([e for e in entries if not verdict_module._is_beyond(e)])
+    assert shown == "CoulombFriction at rotor.flange_a from tau_c = 0.02 N.m"
+    of_number = replace(share, shape={"limit": 7.76}, units={"limit": "1"})
+    assert verdict_module._of_form(of_number) == " (limit = 7.76)"
+
+
 @pytest.mark.parametrize(("detectable", "name"), [(500.0, "cannot tell"), (0.3, "nothing missing")])
 def test_recordings_that_would_not_show_a_cut_signal_tell_nothing(detectable, name):
     """Of a core in saturation it had been said that nothing is missing: a share of 510 would be seen."""
@@ -441,6 +451,15 @@ def test_lags_too_short_to_be_told_apart_say_that_something_fast_is_missing():
         "CoulombFriction at rotor.flange_a would do (tau_c = 0.15 ± 0.01 N.m), but it is short"
         in found.message
     )
+
+
+@pytest.mark.parametrize(("behind", "told"), [(4.0, "any of CoulombFriction"), (58.0, "Clearly less likely")])
+def test_of_short_lags_those_that_the_data_speak_against_are_told_apart(behind, told):
+    short = replace(proof(verdict="rejected"), is_any_dynamics=True, reason="it is short", delta_bic=88.0)
+    other = replace(proof("QuadraticDrag", "rejected"), is_any_dynamics=True, delta_bic=88.0 - behind)
+    found = decide(evidence(proofs=[short, other], related=True))
+    assert found.name == "unknown effect" and told in found.message
+    assert ("QuadraticDrag at rotor.flange_a (BIC 58)" in found.message) == (behind > 10.0)
 
 
 @pytest.mark.parametrize("gain", [40.0, 400.0])

@@ -9,6 +9,7 @@ from nonlinear_models import experiment_of, explicit_from, oscillator, setup_of
 from scipy.linalg import expm, null_space
 from scipy.optimize import least_squares
 
+from daest.estimation import nonlinear_search
 from daest.estimation.coordinates import Unknowns, objective, parameter_coordinate
 from daest.estimation.identify_nonlinear import identify_nonlinear
 from daest.estimation.search import minimise
@@ -248,6 +249,21 @@ def unstable_fit():
     """The recording, and its fit that was asked for a profile."""
     explicit, experiment = unstable_record()
     return experiment, fit_of(explicit, [experiment], profile=("a",), a=3.0, b=0.5)
+
+
+def test_other_holds_of_an_unstable_model_are_searched_from_the_given_values_too(monkeypatch):
+    """The wrong hold may end far away from them: a balanced arm was a hundred times as heavy, for good."""
+    explicit, experiment = unstable_record()
+    begun, shot = set(), nonlinear_search._shot
+
+    def told(problem, z, *rest):
+        begun.add((problem.hold, tuple(z[:2])))
+        return shot(problem, z, *rest)
+
+    monkeypatch.setattr(nonlinear_search, "_shot", told)
+    fit = fit_of(explicit, [experiment], hold=None, second_look=False, a=3.0, b=0.5)
+    given = tuple(np.log([3.0, 0.5]))
+    assert len(begun) == 2 and ("foh", given) in begun and fit.hold == "zoh"
 
 
 def test_unstable_model_is_identified_from_joined_segments():

@@ -170,6 +170,36 @@ def _without_trend(time: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
+class OtherClock:
+    """Another `unit` of time, of `seconds` each, in which the model may count what was read in seconds."""
+
+    unit: str
+    seconds: float
+
+    def mended(self, experiment: Experiment) -> Experiment:
+        """The experiment with its time in that unit."""
+        return replace(experiment, time=experiment.time / self.seconds)
+
+
+CLOCKS = (OtherClock("min", 60.0), OtherClock("h", 3600.0), OtherClock("d", 86400.0))
+
+
+def other_clock(flat: Model, experiment: Experiment) -> OtherClock | None:
+    """The unit of time with which a simulation at the values of the model is far nearer to the recording than
+    in seconds; None where there is none. A model whose balances convert by numbers, as in
+    `C/3600*der(T) = Q`, does not tell by its units that it counts hours."""
+    part = _shortened(experiment)
+    with suppress(DaestError):
+        driven, theta = _driven(flat), next(iter(_variants(flat)))
+        error, longest = _timed_error(driven, part, theta)
+        errors = {c: _error_within(longest, driven, c.mended(part), theta) for c in CLOCKS}
+        best = min(CLOCKS, key=lambda clock: errors[clock])
+        if errors[best] < DATA.nearer_clock * error:
+            return best
+    return None
+
+
+@dataclass(frozen=True)
 class Exchange:
     """Two inputs, or two outputs, whose columns may be one in place of the other; `is_of_one_unit`: both are
     read in the same unit, so that nothing but what they do tells them apart."""

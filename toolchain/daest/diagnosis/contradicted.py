@@ -13,7 +13,15 @@ from contextlib import suppress
 
 import numpy as np
 
-from daest.data.contradictions import Contradiction, Exchange, all_mended, contradictions, exchanges
+from daest.data.contradictions import (
+    Contradiction,
+    Exchange,
+    OtherClock,
+    all_mended,
+    contradictions,
+    exchanges,
+    other_clock,
+)
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import quiet, without_noises
@@ -23,6 +31,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, ratios_by_output
 from daest.model.flat import FlatModel, Model
 from daest.model.holds import Hold
+from daest.modelica.clock import clock_unit
 
 MOST_PAIRS = 10  # of columns that are exchanged
 
@@ -37,20 +46,50 @@ def contradicted(
     # Of an FMU, or a model with events, the fits that tell of pairs take longer than what they may save.
     is_quick = isinstance(flat, FlatModel) and flat.events is None
     pairs = exchanges(flat, experiments)[:MOST_PAIRS] if is_quick and experiments and not found else []
-    if not found and not pairs:
+    clock = _other_clock(flat, experiments) if is_quick and not found else None
+    if not found and not pairs and clock is None:
         return None
     silent = without_noises(flat) if isinstance(flat, FlatModel) else flat
     options = IdentifyOptions(method="oe", hold=hold, second_look=False)
     with quiet(), suppress(*FAILURES):
         given = identify(silent, experiments, options, validation=validation)
         if not found:
-            exchanged = _exchanged(silent, given, experiments, pairs)
-            return exchanged and _told(given, *exchanged, time.perf_counter() - began)
+            mended = clock and _counted_in(silent, given, experiments, clock)
+            mended = mended or _exchanged(silent, given, experiments, pairs)
+            return mended and _told(given, *mended, time.perf_counter() - began)
         better = identify(silent, [all_mended(e, found) for e in experiments], options)
         gain = better.log_likelihood + _of_scales(experiments, found) - given.log_likelihood
         if gain > len(found) and _is_why(given, better, found):
             return _told(given, better, *_what(found), time.perf_counter() - began)
     return None
+
+
+def _other_clock(flat: Model, experiments: Sequence[Experiment]) -> OtherClock | None:
+    """The longer unit of time in which a model that tells none is nearer to the first of the recordings."""
+    if not (isinstance(flat, FlatModel) and experiments and clock_unit(flat) == "s"):
+        return None
+    return other_clock(flat, experiments[0])
+
+
+def _counted_in(
+    silent: Model, given: FitResult, experiments: Sequence[Experiment], clock: OtherClock
+) -> tuple[FitResult, str, str] | None:
+    """The fit with time in another unit, what is told of it, and how to mend it, where the recordings are
+    simulated far better so whatever the values of the parameters; else None."""
+    options = IdentifyOptions(method="oe", hold=given.hold, second_look=False)
+    try:
+        better = identify(silent, [clock.mended(e) for e in experiments], options)
+    except FAILURES:
+        return None
+    ratios = ratios_by_output(given.simulated, better.simulated, "estimation").values()
+    gain = better.log_likelihood - given.log_likelihood
+    if gain <= GATES.min_late_gain or max(ratios, default=1.0) >= GATES.max_told_ratio:
+        return None
+    how = (
+        f"Give the parameters of the model units that tell its time, as kW.{clock.unit}/K for a capacity "
+        f"beside kW, or write its equations for seconds."
+    )
+    return better, f"the model counts time in {clock.unit}, and the recording was read in s", how
 
 
 def _exchanged(

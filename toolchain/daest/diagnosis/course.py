@@ -12,7 +12,8 @@ from daest.diagnosis.dead_times import DELAY
 from daest.diagnosis.disturbance import SmoothedLoad
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.late_signals import late_signals
-from daest.diagnosis.near_given import are_driven_off, fit_near_given
+from daest.diagnosis.near_given import fit_near_given
+from daest.diagnosis.null import are_driven_off
 from daest.diagnosis.open_loop import open_screen
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.pieces import in_pieces

@@ -20,13 +20,6 @@ from daest.model.fit import FitResult
 from daest.model.parts import Parameter
 
 
-def are_driven_off(found: Mapping[str, float], given: Mapping[str, float]) -> bool:
-    """Whether any parameter was `found` so far from its `given` value that laws at its place may have nothing
-    to do."""
-    pairs = [(found[name], value) for name, value in given.items() if value and name in found]
-    return any(not 1.0 / GATES.driven_off < one / value < GATES.driven_off for one, value in pairs)
-
-
 def fit_near_given(null: Null, given: Mapping[str, float]) -> FitResult | None:
     """The best simulation of the model with every estimated parameter near its `given` value; None where
     there is none."""

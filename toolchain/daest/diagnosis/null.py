@@ -139,8 +139,12 @@ def fit_null(
     def likelihood(one: Hold) -> float:
         driving = (experiments, one) if held is None else (as_recorded(experiments, held, one), FOH)
         # The holds differ by half a sample: the second search begins where the first one has ended.
-        begun = near or known_values(max(fits.values(), key=lambda fit: fit.log_likelihood, default=None))
-        fits[one] = _loaded_fit(loaded, times, *driving, slowest, is_affine, begun)
+        led = known_values(max(fits.values(), key=lambda fit: fit.log_likelihood, default=None))
+        fits[one] = _loaded_fit(loaded, times, *driving, slowest, is_affine, near or led)
+        alone = {} if near else _near_values_alone(flat, *driving, fits[one])
+        if alone:
+            afresh = _loaded_fit(loaded, times, *driving, slowest, is_affine, alone)
+            fits[one] = max(fits[one], afresh, key=lambda fit: fit.log_likelihood)
         return fits[one].log_likelihood
 
     turned = names if len(asked) > 1 else ()
@@ -154,6 +158,27 @@ def fit_null(
     lead = fits[best].log_likelihood - fits[others[0]].log_likelihood
     apart = None if held is None else as_recorded(experiments, held, others[0])
     return replace(null, other_hold=others[0], hold_lead=lead, other_experiments=apart)
+
+
+def are_driven_off(found: Mapping[str, float], given: Mapping[str, float]) -> bool:
+    """Whether any parameter was `found` so far from its `given` value that something else drives it."""
+    pairs = [(found[name], value) for name, value in given.items() if value and name in found]
+    return any(not 1.0 / GATES.driven_off < one / value < GATES.driven_off for one, value in pairs)
+
+
+def _near_values_alone(
+    flat: FlatModel, experiments: Sequence[Experiment], hold: Hold, beside: FitResult
+) -> dict[str, float]:
+    """The parameters near their given values to which the simulation of the model alone leads, where the fit
+    `beside` loads has driven them off; none where they are off without loads, too. Loads hold up a pendulum
+    that its controller balances, whatever it weighs."""
+    given = {p.name: p.value for p in flat.parameters if p.estimate}
+    if not are_driven_off(beside.theta, given):
+        return {}
+    with suppress(EstimationError):
+        values = known_values(identify(flat, experiments, IdentifyOptions(method="oe", hold=hold)))
+        return {} if are_driven_off(values, given) else values
+    return {}
 
 
 def known_values(fit: FitResult | None) -> dict[str, float]:

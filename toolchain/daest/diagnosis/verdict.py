@@ -492,13 +492,16 @@ def _comes_near(evidence: Evidence, near: Proof) -> Decided:
 
 def _any_dynamics(evidence: Evidence, short: Sequence[Proof]) -> Decided:
     """Lags, delays and other stores that do away with what is missing, and are too short to be told from one
-    another."""
+    another. Those that the data speak clearly against are told apart."""
     best = short[0]
-    labels = _listed(tuple(p.candidate.label for p in short))
-    would = f"{labels if len(short) == 1 else f'any of {labels}'} would do ({told_values(best)})"
+    near = [p for p in short if best.delta_bic - p.delta_bic <= GATES.min_bic_gain]
+    labels = _listed(tuple(p.candidate.label for p in near))
+    would = f"{labels if len(near) == 1 else f'any of {labels}'} would do ({told_values(best)})"
+    behind = [f"{p.candidate.label} (BIC {best.delta_bic - p.delta_bic:.0f})" for p in short if p not in near]
     return Decided(
         "unknown effect",
         f"Something dynamic is missing, and it is fast: {would}, but {best.reason}."
+        + (f" Clearly less likely: {', '.join(behind)}." if behind else "")
         + _errors(evidence, best)
         + _importance(evidence, best),
         WIDER_BAND,
@@ -792,28 +795,44 @@ def _nothing(evidence: Evidence) -> Decided:
     if small:
         return _too_small(evidence, small)
     seen = [e for e in evidence.screen.entries if not e.absorbed and np.isfinite(e.detectable)]
-    smallest: dict[str, str] = {}
-    for entry in seen:
-        size = entry.candidate.effect.sizes[0]
-        law, label = entry.candidate.effect.name, entry.candidate.label + _of_form(entry.candidate)
-        unit = "" if entry.candidate.size_unit == "1" else entry.candidate.size_unit
-        smallest.setdefault(law, f"{label} from {size.name} = {entry.detectable:.2g} {unit}".rstrip())
-    shown = "; ".join(list(smallest.values())[:4])
     if _is_blind(seen):
         return Decided(
             "cannot tell",
             f"None of {evidence.screen.n_screened} candidates was supported, but beside unknown loads these "
             "recordings would show none: not even what cuts a signal would be seen, though it cut all that "
-            f"lies beyond its limit. It would take, for instance: {shown}.",
+            f"lies beyond its limit. It would take, for instance: {_smallest(seen)}.",
             "Record with larger inputs and less noise, or measure another quantity.",
         )
+    shown = _smallest([entry for entry in seen if not _is_beyond(entry)])
     return Decided(
         "nothing missing",
         f"Nothing is missing at this noise level: none of {evidence.screen.n_screened} candidates was "
         f"supported (p = {evidence.screen.p_value:.2g} for the whole search)."
         + _still_significant(evidence)
-        + f" It would have shown, for instance: {shown}.",
+        + (f" It would have shown, for instance: {shown}." if shown else ""),
     )
+
+
+def _smallest(seen: Sequence[Screened]) -> str:
+    """The sizes from which the first few laws that are `seen` would show, each law once."""
+    smallest: dict[str, str] = {}
+    for entry in seen:
+        size = entry.candidate.effect.sizes[0]
+        law, label = entry.candidate.effect.name, entry.candidate.label + _of_form(entry.candidate)
+        unit = _shown_unit(entry.candidate.size_unit)
+        smallest.setdefault(law, f"{label} from {size.name} = {entry.detectable:.2g} {unit}".rstrip())
+    return "; ".join(list(smallest.values())[:4])
+
+
+def _shown_unit(unit: str) -> str:
+    """The unit as it stands behind a value: nothing for a number."""
+    return "" if unit == "1" else unit
+
+
+def _is_beyond(entry: Screened) -> bool:
+    """Whether an effect would be seen only beyond its largest size, as a share of more than all."""
+    most = entry.candidate.effect.sizes[0].max
+    return most is not None and 0.0 < most < entry.detectable
 
 
 def _of_form(candidate: Candidate) -> str:
@@ -821,7 +840,8 @@ def _of_form(candidate: Candidate) -> str:
     if not candidate.effect.sizes[0].is_share:
         return ""
     forms = [
-        f"{p.name} = {candidate.shape[p.name]:.3g} {candidate.units.get(p.name) or p.unit}".rstrip()
+        f"{p.name} = {candidate.shape[p.name]:.3g} "
+        f"{_shown_unit(candidate.units.get(p.name) or p.unit)}".rstrip()
         for p in candidate.effect.parameters
         if p.role == "shape" and p.estimate and p.name in candidate.shape
     ]

@@ -40,7 +40,7 @@ from daest.estimation.nonlinear_start import (
     with_sized_effects,
 )
 from daest.estimation.observer import AverageModel
-from daest.estimation.optimum import WAKING, best_point
+from daest.estimation.optimum import WAKING, best_point, rank
 from daest.estimation.profile import Tell, silent
 from daest.estimation.records import part_of
 from daest.estimation.result import assembled, fit_result
@@ -169,6 +169,10 @@ def nonlinear_ends(explicit: Dynamics, setup: Setup, tell: Tell = silent) -> Non
         best = ends[0]
         if best.cut is not None:
             ends[0] = with_likelier_hold(best, home, setup.options)
+            hold = ends[0].problem.hold
+            if hold != best.problem.hold:
+                again = best_ends(setup, replace(problem, hold=hold), home, home, tell)
+                ends = min(ends, again, key=lambda found: rank(found[0].found))
             break
         turned = with_other_hold(best.problem, best.found, setup.options)
         if turned is None:

@@ -236,22 +236,26 @@ def leaning(problem: TrajectoryProblem, z: np.ndarray) -> tuple[TrajectoryProble
 
 def with_likelier_hold(end: Ending, home: np.ndarray, options: IdentifyOptions) -> Ending:
     """The end of multiple shooting with the hold that is likeliest: short fits of a whole record tell nothing
-    of a model too unstable for one. What was lost with another hold is put back. Shapes: home (n_z,)."""
+    of a model too unstable for one. Another hold is searched from where the first has ended, with what was
+    lost there put back, and from the user's parameters: the wrong hold may have led far away from them.
+    Shapes: home (n_z,)."""
     names, asked = asked_holds(end.problem, options)
     if end.cut is None or len(asked) < 2:
         return end
     ends, n_segments = {end.problem.hold: end}, len(end.cut.shooting.groups[0])
-    start, away = end.found.z.copy(), lost(search_of(end.problem, home, 0), end.found)
-    start[away] = home[away]
+    near, away = end.found.z.copy(), lost(search_of(end.problem, home, 0), end.found)
+    near[away] = home[away]
+    given, n = end.found.z.copy(), len(end.problem.unknowns.coordinates)
+    given[:n] = home[:n]
 
     def likelihood(hold: Hold) -> float | None:
         if hold not in ends:
             problem = replace(end.problem, hold=hold)
-            cut = search_by_shooting(problem, start, n_segments, options.max_iterations)
-            found = _uncut(problem, cut, n_segments, home, options) if cut and cut.is_continuous else None
-            if found is None:
+            found = [_shot(problem, z, n_segments, home, options) for z in (near, given)]
+            reached = [one for one in found if one is not None]
+            if not reached:
                 return None
-            ends[hold] = found
+            ends[hold] = min(reached, key=lambda one: rank(one.found))
         return -ends[hold].found.evaluation.value
 
     in_steps = are_steps(end.problem.experiments, names)
@@ -297,6 +301,14 @@ def _is_poor(end: Ending | None) -> bool:
         warnings.simplefilter("ignore", RuntimeWarning)  # an output without a value
         left, spread = np.nanstd(np.concatenate(errors.errors), axis=0), np.nanstd(y, axis=0)
     return bool(np.any(left > FIT.poor_simulation * spread))
+
+
+def _shot(
+    problem: TrajectoryProblem, z: np.ndarray, n_segments: int, home: np.ndarray, options: IdentifyOptions
+) -> Ending | None:
+    """The end of multiple shooting from z (n_z,) that closes all gaps; None where it does not."""
+    cut = search_by_shooting(problem, z, n_segments, options.max_iterations)
+    return _uncut(problem, cut, n_segments, home, options) if cut and cut.is_continuous else None
 
 
 def _uncut(
