@@ -31,7 +31,12 @@ from daest.diagnosis.parts import parts_of
 from daest.diagnosis.passed_once import back_on_their_way
 from daest.diagnosis.ranking import best_accepted, errors_last, is_settled
 from daest.diagnosis.reasons import is_significant, unmoved
-from daest.diagnosis.recorded_late import EarlierInputs, earlier_inputs, gain_of_earlier_inputs
+from daest.diagnosis.recorded_late import (
+    EarlierInputs,
+    earlier_inputs,
+    gain_of_earlier_inputs,
+    simulates_better,
+)
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stages import DynamicTasks, dynamic_effects
@@ -202,14 +207,16 @@ def _faults_counted(verdict: str, recordings: Sequence[Experiment]) -> str:
 
 
 def _earlier(stand: Stand, proofs: Sequence[Proof]) -> EarlierInputs:
-    """The inputs that act before they are recorded: by many samples only of a model without effects, where no
-    law says all that there is to say, since that takes refits."""
+    """The inputs that act before they are recorded, where simulations are better for it, too: by many samples
+    only of a model without effects, where no law says all that there is to say, since that takes refits."""
     null = stand.null
     best = best_accepted(proofs)
     says_all = best is not None and is_settled([best]) and not errors_last(best)
     if stand.declared.attached or says_all:
-        return EarlierInputs(gain_of_earlier_inputs(null))
-    return earlier_inputs(null)
+        found = EarlierInputs(gain_of_earlier_inputs(null))
+    else:
+        found = earlier_inputs(null)
+    return found if found.gain and simulates_better(null, found) else EarlierInputs()
 
 
 def _decided(
