@@ -35,4 +35,5 @@ def test_rest_and_another_run_are_nothing_in_common():
     assert not repeated_rows(first, second).any()
     assert not repeated_rows(first, np.tile([0.0, 1.2], (400, 1))).any()
     assert not repeated_rows(first[:10], first[:10]).any()
-    assert not repeated_findings([recording("run", first)], [recording("run", first)])
+    parts = [recording(f"run ({part})", first) for part in ("estimation", "validation")]
+    assert not repeated_findings(parts[:1], parts[1:])

@@ -65,9 +65,9 @@ def test_inputs_that_are_many_samples_late_are_found(case):
 
 
 def test_inputs_are_late_only_where_simulations_are_better_for_it(case, straight):
-    """Of a jet in gusts, whose pilot answers them, predictions were better with the elevator of the next sample
-    (log-likelihood + 86), and simulations worse."""
-    flat, experiment = case
+    """Of a jet in gusts, whose pilot answers them, predictions were better with the elevator of the next
+    sample (log-likelihood + 86), and simulations worse."""
+    _, experiment = case
     assert not simulates_better(straight, EarlierInputs(86.0))
     assert simulates_better(replace(straight, experiments=(recorded_late(experiment),)), EarlierInputs(86.0))
 

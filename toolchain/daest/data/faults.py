@@ -428,7 +428,9 @@ def _order(time: np.ndarray, steps: np.ndarray) -> list[Finding]:
         rows = np.nonzero(which)[0]
         if rows.size:
             at = float(time[rows[0] + 1])
-            said = text.format(rows.size) + (_rounding(time, steps) if code == "check-clock-duplicate" else "")
+            said = text.format(rows.size) + (
+                _rounding(time, steps) if code == "check-clock-duplicate" else ""
+            )
             found.append(Finding(code, "warning", None, said, at, int(rows.size)))
     return found
 

@@ -13,13 +13,16 @@ _FACTOR = np.uint64(0x9E3779B97F4A7C15)  # odd, of hashes modulo 2**64
 
 
 def repeated_findings(seen: Sequence[Experiment], unseen: Sequence[Experiment]) -> list[tuple[str, Finding]]:
-    """The `unseen` recordings by name whose samples stand among those `seen`, too, and a finding about each."""
+    """The `unseen` recordings by name whose samples stand among those `seen` of others, too, and a finding
+    about each. What repeats within one is its input, and the machine with it."""
     found = []
     for recording in unseen:
-        for other in (one for one in seen if one.name != recording.name):
-            repeated = repeated_rows(_values(other), _values(recording))
+        name = recording.name.removesuffix(" (validation)")
+        others = {one.name.removesuffix(" (estimation)"): one for one in seen}
+        for other in (one for one in others if one != name):
+            repeated = repeated_rows(_values(others[other]), _values(recording))
             if repeated.any():
-                found.append((recording.name, _finding(recording, other.name, repeated)))
+                found.append((name, _finding(recording, other, repeated)))
     return found
 
 

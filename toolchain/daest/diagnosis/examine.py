@@ -16,7 +16,7 @@ from daest.diagnosis.changing_values import changing_value
 from daest.diagnosis.chosen import chosen_candidates
 from daest.diagnosis.course import Course
 from daest.diagnosis.disturbance import place_gains, smoothed_load
-from daest.diagnosis.faulty import EMPTY, faults_beside, faults_in_errors, faults_told
+from daest.diagnosis.faulty import EMPTY, EXPLAINED, faults_counted, faults_told
 from daest.diagnosis.free_forms import free_forms, keep_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.held_values import OtherValue, other_value
@@ -56,7 +56,6 @@ CURVE_TIMES = 20.0  # those of the fit of the model as it is, that a refit with 
 CURVE_SECONDS = 60.0  # and that it may take in any case
 TIME_UP = " The time was up before all of them were refitted."
 OPEN = ("external disturbance", "unknown effect", "cannot tell")
-EXPLAINED = ("nothing missing", "parameters off", "supported")
 
 
 def examine(
@@ -165,9 +164,8 @@ def _examined(
     if decided.name not in EXPLAINED:
         message += verdicts.nearest_in_pieces(decided.proofs, evidence.clock)
         message += verdicts.two_alike(found) if decided.name == "external disturbance" else ""
-    recordings = (*null.experiments, *stand.validation)
-    faults = "" if decided.name in EXPLAINED else faults_told(recordings)
-    counted = _faults_counted(decided.name, recordings)
+    faults = "" if decided.name in EXPLAINED else faults_told(null.experiments)
+    counted = "" if faults else faults_counted(decided.name, null.experiments, stand.validation)
     return Diagnosis(
         verdict=decided.name,
         message=message + faults + counted + ("" if is_whole else TIME_UP),
@@ -196,14 +194,6 @@ def _off(stand: Stand) -> Jitter | None:
         found = jitter(stand.null, stand.reference.fit)
         return found if found is not None and found.is_shown else None
     return None
-
-
-def _faults_counted(verdict: str, recordings: Sequence[Experiment]) -> str:
-    """A sentence on faults of the recordings, which sizes and errors count, where the verdict explains the
-    data all the same."""
-    if verdict not in EXPLAINED:
-        return ""
-    return faults_beside(recordings) if verdict == "supported" else faults_in_errors(recordings)
 
 
 def _earlier(stand: Stand, proofs: Sequence[Proof]) -> EarlierInputs:
