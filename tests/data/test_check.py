@@ -226,6 +226,15 @@ def test_clock(code):
     assert code in codes and set(codes) <= {code, "check-clock-gap"}
 
 
+def test_times_with_too_few_digits_are_told():
+    """What a table with three digits makes of a camera with 120 pictures a second, from 1 s on."""
+    time = np.array([float(f"{t:.2e}") for t in np.arange(1200) / 120.0])
+    said = next(f.text for f in clock_findings(time) if f.code == "check-clock-duplicate")
+    assert "written in steps of 0.01, too coarse for samples that are 0.00833 apart" in said
+    once = np.where(np.arange(1000) == 300, PERIOD * 299, PERIOD * np.arange(1000))
+    assert "too coarse" not in clock_findings(once)[0].text
+
+
 def test_gaps_are_counted():
     (finding,) = clock_findings(np.delete(PERIOD * np.arange(1000), [50, 51, 200]))
     assert "3 sample(s) in 2 gap(s)" in finding.sentence and finding.at == pytest.approx(0.49)

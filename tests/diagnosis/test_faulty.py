@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from daest.diagnosis.faulty import EMPTY, faults_beside, faults_in_errors, faults_told
+from daest.diagnosis.faulty import EMPTY, faults_beside, faults_counted, faults_in_errors, faults_told
 from daest.model.experiment import Experiment
 
 TIME = 0.01 * np.arange(2000)
@@ -38,6 +38,14 @@ def test_where_nothing_is_missing_its_errors_count_the_faults():
     told = faults_in_errors([recording(slice(500, 560), 1)])
     assert told.startswith(" The errors count faults of the recording: y stands still at ")
     assert told.endswith(EMPTY) and faults_in_errors([recording()]) == ""
+
+
+def test_a_fault_of_unseen_data_is_no_load_in_those_of_the_fit():
+    """One reading of a kiln that was 3 K off had been all that was said to be done about a load before it."""
+    sound, stuck = recording(), recording(slice(500, 560), 1)
+    assert faults_counted("external disturbance", [sound], [stuck]) == faults_in_errors([stuck])
+    assert faults_counted("external disturbance", [stuck], [sound]) == ""
+    assert faults_counted("supported", [stuck], [sound]) == faults_beside([stuck])
 
 
 def test_a_command_that_keeps_its_value_is_no_fault():

@@ -10,7 +10,13 @@ from oscillator import OSCILLATOR, record
 
 from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import fit_null
-from daest.diagnosis.recorded_late import ahead, earlier_inputs, gain_of_earlier_inputs
+from daest.diagnosis.recorded_late import (
+    EarlierInputs,
+    ahead,
+    earlier_inputs,
+    gain_of_earlier_inputs,
+    simulates_better,
+)
 from daest.diagnosis.stand import without_noises
 from daest.modelica.compile import compile_text
 
@@ -56,6 +62,14 @@ def test_inputs_that_are_many_samples_late_are_found(case):
     found = earlier_inputs(null)
     assert found.samples == 5 and found.names == experiment.input_names
     assert found.seconds == pytest.approx(5 * experiment.median_step) and found.gain > 50.0
+
+
+def test_inputs_are_late_only_where_simulations_are_better_for_it(case, straight):
+    """Of a jet in gusts, whose pilot answers them, predictions were better with the elevator of the next
+    sample (log-likelihood + 86), and simulations worse."""
+    _, experiment = case
+    assert not simulates_better(straight, EarlierInputs(86.0))
+    assert simulates_better(replace(straight, experiments=(recorded_late(experiment),)), EarlierInputs(86.0))
 
 
 @pytest.mark.parametrize(("gain", "told"), [(3.0, 0.0), (30.0, 30.0), (-3.0, 0.0)])

@@ -214,6 +214,11 @@ EXPLANATIONS: dict[str, str] = {
         "independent of its neighbours, and the standard errors of an estimate are too small. A finer "
         "sensor, or --resample to a longer period, helps."
     ),
+    "check-repeated": (
+        "What validates a fit stands in a recording that it was made from, too: one file is a part of the "
+        "other, or a copy. Errors on such samples are not those on unseen data, and tests on them refuse "
+        "nothing. Leave one of the two out, or cut them with --from and --to."
+    ),
     "check-saturation": (
         "A signal runs into a limit and stays there, and comes back as fast as it went: the range of the "
         "sensor or of the recorder. Leave those cells empty, or cut with --from and --to. A command that is "

@@ -22,6 +22,7 @@ from daest.data.read import (
     select_outputs,
     with_units,
 )
+from daest.data.repeated import repeated_findings
 from daest.errors import ConfigError
 from daest.model.experiment import Experiment
 from daest.model.flat import Model
@@ -47,7 +48,10 @@ def training_data(
         warn(finding.code, f"{experiments[0].name}: {finding.sentence}")
     n = len(estimation_paths)
     estimation, validation = split_all(experiments[:n], preparation)
-    return flat, estimation, validation + experiments[n:]
+    validation = validation + experiments[n:]
+    for name, finding in repeated_findings(estimation, validation):
+        warn(finding.code, f"{name}: {finding.sentence}")
+    return flat, estimation, validation
 
 
 def unseen_data(

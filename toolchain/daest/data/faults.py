@@ -177,7 +177,7 @@ def _saturation(samples: Samples, pile: float = DATA.limit_pile) -> list[Finding
     found = []
     for at_end, name in ((-1, "upper"), (0, "lower")):
         limit, count = levels[at_end], counts[at_end]
-        others = (counts[-1 - NEXT_LEVELS : -1] if at_end else counts[1 : 1 + NEXT_LEVELS]).mean()
+        others = _usual_count(levels, counts) if at_end else _usual_count(-levels[::-1], counts[::-1])
         # Zero is where many signals rest: a flow, the sun, a duty cycle.
         if (
             limit == 0
@@ -197,6 +197,14 @@ def _saturation(samples: Samples, pile: float = DATA.limit_pile) -> list[Finding
         first = float(samples.time[starts[at_limit][0]])
         found.append(Finding("check-saturation", level, samples.name, text, first, int(count)))
     return found
+
+
+def _usual_count(levels: np.ndarray, counts: np.ndarray) -> float:
+    """How many samples stand at a level below the last one: in the mean over the next ones, or over the most
+    frequent ones near by. A reading that is the mean of a few coarse ones stands at rare levels between."""
+    near = counts[:-1][levels[:-1] > levels[-1] - DATA.limit_near * (levels[-1] - levels[0])]
+    most = np.sort(near)[-NEXT_LEVELS:] if near.size > NEXT_LEVELS else counts[-1 - NEXT_LEVELS : -1]
+    return float(most.mean())
 
 
 def _edge(samples: Samples, starts: np.ndarray, lengths: np.ndarray) -> float:
@@ -420,8 +428,28 @@ def _order(time: np.ndarray, steps: np.ndarray) -> list[Finding]:
         rows = np.nonzero(which)[0]
         if rows.size:
             at = float(time[rows[0] + 1])
-            found.append(Finding(code, "warning", None, text.format(rows.size), at, int(rows.size)))
+            said = text.format(rows.size) + (
+                _rounding(time, steps) if code == "check-clock-duplicate" else ""
+            )
+            found.append(Finding(code, "warning", None, said, at, int(rows.size)))
     return found
+
+
+def _rounding(time: np.ndarray, steps: np.ndarray) -> str:
+    """What to do about times that were written with too few digits for the samples; else nothing."""
+    later = steps[np.argmax(steps == 0) :]
+    is_still = later == 0
+    unit = float(np.median(later[~is_still])) if not is_still.all() else 0.0
+    if unit <= 0 or np.mean(is_still) < DATA.rounded_stamps:
+        return ""
+    whole = later / unit
+    if np.mean(np.abs(whole - np.round(whole)) < DATA.grid) < 1.0 - DATA.rounded_stamps:
+        return ""
+    apart = float(time[-1] - time[0]) / steps.size
+    return (
+        f"; the times are written in steps of {unit:.3g}, too coarse for samples that are {apart:.3g} apart: "
+        "number the rows instead, and multiply by that"
+    )
 
 
 def _long_steps(time: np.ndarray, steps: np.ndarray, step: float, spread: float, clock: str) -> list[Finding]:

@@ -16,7 +16,7 @@ from daest.diagnosis.changing_values import changing_value
 from daest.diagnosis.chosen import chosen_candidates
 from daest.diagnosis.course import Course
 from daest.diagnosis.disturbance import place_gains, smoothed_load
-from daest.diagnosis.faulty import EMPTY, faults_beside, faults_in_errors, faults_told
+from daest.diagnosis.faulty import EMPTY, EXPLAINED, faults_counted, faults_told
 from daest.diagnosis.free_forms import free_forms, keep_forms
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.held_values import OtherValue, other_value
@@ -31,7 +31,12 @@ from daest.diagnosis.parts import parts_of
 from daest.diagnosis.passed_once import back_on_their_way
 from daest.diagnosis.ranking import best_accepted, errors_last, is_settled
 from daest.diagnosis.reasons import is_significant, unmoved
-from daest.diagnosis.recorded_late import EarlierInputs, earlier_inputs, gain_of_earlier_inputs
+from daest.diagnosis.recorded_late import (
+    EarlierInputs,
+    earlier_inputs,
+    gain_of_earlier_inputs,
+    simulates_better,
+)
 from daest.diagnosis.screen import NullObserver, run_null, screen
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stages import DynamicTasks, dynamic_effects
@@ -51,7 +56,6 @@ CURVE_TIMES = 20.0  # those of the fit of the model as it is, that a refit with 
 CURVE_SECONDS = 60.0  # and that it may take in any case
 TIME_UP = " The time was up before all of them were refitted."
 OPEN = ("external disturbance", "unknown effect", "cannot tell")
-EXPLAINED = ("nothing missing", "parameters off", "supported")
 
 
 def examine(
@@ -160,9 +164,8 @@ def _examined(
     if decided.name not in EXPLAINED:
         message += verdicts.nearest_in_pieces(decided.proofs, evidence.clock)
         message += verdicts.two_alike(found) if decided.name == "external disturbance" else ""
-    recordings = (*null.experiments, *stand.validation)
-    faults = "" if decided.name in EXPLAINED else faults_told(recordings)
-    counted = _faults_counted(decided.name, recordings)
+    faults = "" if decided.name in EXPLAINED else faults_told(null.experiments)
+    counted = "" if faults else faults_counted(decided.name, null.experiments, stand.validation)
     return Diagnosis(
         verdict=decided.name,
         message=message + faults + counted + ("" if is_whole else TIME_UP),
@@ -193,23 +196,17 @@ def _off(stand: Stand) -> Jitter | None:
     return None
 
 
-def _faults_counted(verdict: str, recordings: Sequence[Experiment]) -> str:
-    """A sentence on faults of the recordings, which sizes and errors count, where the verdict explains the
-    data all the same."""
-    if verdict not in EXPLAINED:
-        return ""
-    return faults_beside(recordings) if verdict == "supported" else faults_in_errors(recordings)
-
-
 def _earlier(stand: Stand, proofs: Sequence[Proof]) -> EarlierInputs:
-    """The inputs that act before they are recorded: by many samples only of a model without effects, where no
-    law says all that there is to say, since that takes refits."""
+    """The inputs that act before they are recorded, where simulations are better for it, too: by many samples
+    only of a model without effects, where no law says all that there is to say, since that takes refits."""
     null = stand.null
     best = best_accepted(proofs)
     says_all = best is not None and is_settled([best]) and not errors_last(best)
     if stand.declared.attached or says_all:
-        return EarlierInputs(gain_of_earlier_inputs(null))
-    return earlier_inputs(null)
+        found = EarlierInputs(gain_of_earlier_inputs(null))
+    else:
+        found = earlier_inputs(null)
+    return found if found.gain and simulates_better(null, found) else EarlierInputs()
 
 
 def _decided(

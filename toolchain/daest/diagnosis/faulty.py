@@ -9,6 +9,7 @@ from daest.data.check import check_experiment
 from daest.model.experiment import Experiment
 
 FAULTS = ("check-stuck", "check-dropouts", "check-outliers")
+EXPLAINED = ("nothing missing", "parameters off", "supported")  # verdicts that say what the data show
 EMPTY = "Leave the cells of these samples empty, as missing, and diagnose again."
 MOST_TOLD = 3
 
@@ -18,6 +19,14 @@ def faults_told(experiments: Sequence[Experiment]) -> str:
     are none."""
     texts = _faults(experiments)
     return f" It may be faults of the recording: {texts}." if texts else ""
+
+
+def faults_counted(verdict: str, fitted: Sequence[Experiment], unseen: Sequence[Experiment]) -> str:
+    """A sentence on faults of the recordings, which sizes and errors count. Where the data are not explained,
+    those of `unseen` ones alone: a load that acts in those `fitted` is none of their faults."""
+    if verdict == "supported":
+        return faults_beside([*fitted, *unseen])
+    return faults_in_errors([*fitted, *unseen] if verdict in EXPLAINED else unseen)
 
 
 def faults_beside(experiments: Sequence[Experiment]) -> str:

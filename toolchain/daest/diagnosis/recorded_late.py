@@ -15,15 +15,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null, period_of, refitted
+from daest.diagnosis.null import Null, period_of, refitted, simulation_options
 from daest.diagnosis.settled import FAILURES
 from daest.estimation.hold_search import moving_inputs
+from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult
-from daest.model.holds import ZOH
+from daest.model.fit import FitResult, error_ratios
+from daest.model.holds import ZOH, Hold
 
 SAMPLES = (2, 4, 8, 16, 32, 64)  # by which inputs are taken to be late at first
 SHARE = 20  # of a recording at most, one part of so many
+ITERATIONS = 20  # of a fit by simulation
 MOST_ALONE = 3  # inputs, of which each may be late alone
 
 
@@ -95,6 +97,28 @@ def gain_of_earlier_inputs(null: Null) -> float:
     least = null.fit.log_likelihood + GATES.min_hold_gain
     fit = _fit_ahead(replace(null, hold=ZOH), null.flat.input_names, 1, least)
     return 0.0 if fit is None else fit.log_likelihood - null.fit.log_likelihood
+
+
+def simulates_better(null: Null, late: EarlierInputs) -> bool:
+    """Whether the recordings are simulated better, over all outputs, where the inputs act as early as `late`
+    says, each way fitted by simulation. A load takes what is left from sample to sample, and a controller or
+    a pilot who answers it tells of it in the next input: predictions are better for that input, simulations
+    not. True where there is no such fit."""
+    names = late.names or null.flat.input_names
+    shifted = [ahead(e, late.samples, names) for e in null.experiments]
+    hold = null.hold if late.names else ZOH
+    try:
+        given = _simulated(null, null.experiments, null.hold)
+        earlier = _simulated(null, shifted, hold)
+    except FAILURES:
+        return True
+    ratios = error_ratios(given.simulated, earlier.simulated, "estimation")
+    return not ratios or float(np.prod(ratios)) < 1.0
+
+
+def _simulated(null: Null, experiments: Sequence[Experiment], hold: Hold | None) -> FitResult:
+    options = replace(simulation_options(null, null.estimated, ITERATIONS), hold=hold)
+    return identify(null.flat, experiments, options)
 
 
 def ahead(experiment: Experiment, k: int, names: Sequence[str]) -> Experiment:
