@@ -305,24 +305,26 @@ class Course:
     def _with_leaders_near_given(self, proofs: list[Proof]) -> list[Proof]:
         """All laws, with those that a simulation shows of the leaders of the screen in open loop near the
         given values of the parameters, where what is missing has driven these off and no law is accepted that
-        is enough."""
-        stand, reference = self.stand, self.stand.reference
-        if self.screens[1] is None or reference is None or reference.simulated is None:
-            return proofs
-        given = {p.name: p.value for p in stand.declared.parameters if p.name in stand.null.estimated}
-        if not are_driven_off(reference.start_in_use.theta, given):
+        is enough: a simulation in pieces where the errors of whole records add up."""
+        reference, declared = self.stand.reference, self.stand.declared
+        given = {p.name: p.value for p in declared.parameters if p.name in self.stand.null.estimated}
+        if reference is None or not are_driven_off(reference.start_in_use.theta, given):
             return proofs
         if not (self._is_open(proofs) or self._leaves_most(proofs)):
+            return proofs
+        stand = in_pieces(self.stand, self.loads.run) if reference.adds_up else self.stand
+        if stand is None or stand.reference is None or stand.reference.simulated is None:
             return proofs
         near = fit_near_given(stand.null, given)
         used = None if near is None else open_screen(stand.null, near, self.candidates, self.options.seed)
         if used is None:
             return proofs
         leaders = _leaders_in_use(used, MOST_IN_PIECES)
-        begun = replace(stand, reference=replace(reference, opened=near))
+        begun = replace(stand, reference=replace(stand.reference, opened=near))
         # Refits from where the model was driven off to are no starts.
         others = [p for p in proofs if p.verdict != "rejected" or _untried(leaders, [p.candidate]) == leaders]
-        found = self._stages(begun).shown_by_leaders(begun, leaders, others)
+        stages = self._stages(None if reference.adds_up else begun)
+        found = stages.shown_by_leaders(begun, leaders, others)
         names = {proof.candidate.name for proof in found}
         return [*(p for p in proofs if p.candidate.name not in names), *found]
 
