@@ -114,6 +114,9 @@ def _examined(
         known = replace(stand.reference, innovations=innovations(run, stand.validation))
         stand = replace(stand, reference=known)
     null = stand.null
+    values = _Values(stand, run, pool)
+    if found.p_value < GATES.missing_level:
+        values.begin()
     chosen_library = [
         e for e in library if not options.effects or {e.name, e.class_name} & set(options.effects)
     ]
@@ -153,7 +156,7 @@ def _examined(
         decided = verdicts.decide(evidence)
     decided = _with_changes(stand, run, evidence, decided, library, options)
     decided = _with_parts(stand, evidence, decided, library, options)
-    decided, beside_values = _with_values(stand, run, evidence, decided, options, progress)
+    decided, beside_values = _with_values(stand, values, evidence, decided, options, progress)
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
     message += beside_values
     if decided.name not in ("supported", "nothing missing"):
@@ -257,9 +260,30 @@ def _quiet_forms(null: Null, run: NullObserver) -> tuple[FreeForm, ...]:
         return free_forms(null, run)
 
 
+class _Values:
+    """The value that the model holds of which another one says most, which asks nothing of the refits and may
+    begin beside them in another process."""
+
+    def __init__(self, stand: Stand, run: NullObserver, pool: Workers) -> None:
+        self._tasks = [partial(_quiet_values, stand, run)]
+        self._pool, self._seconds = pool, REFIT_SECONDS * stand.baseline.seconds
+
+    def begin(self) -> None:
+        self._pool.begin(called, self._tasks, seconds=self._seconds)
+
+    def get(self) -> OtherValue | None:
+        """As `other_value` tells it. Raises OutOfTimeError."""
+        return next(self._pool.map(called, self._tasks, seconds=self._seconds)).get()
+
+
+def _quiet_values(stand: Stand, run: NullObserver) -> OtherValue | None:
+    with quiet():
+        return other_value(stand, run)
+
+
 def _with_values(
     stand: Stand,
-    run: NullObserver,
+    values: _Values,
     evidence: verdicts.Evidence,
     decided: verdicts.Decided,
     options: DiagnoseOptions,
@@ -274,7 +298,7 @@ def _with_values(
     adds_up = stand.reference is not None and stand.reference.adds_up
     other = None
     with suppress(OutOfTimeError), until(options.until):
-        other = other_value(stand, run)
+        other = values.get()
     if other is None:
         return decided, ""
     law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
