@@ -176,28 +176,34 @@ def test_the_verdict_is_then_that_parameters_are_off():
     assert "another value of `m1`" in found.proofs[0].reason and found.proofs[1] is refused
 
 
-def test_the_sentence_names_both_values(monkeypatch):
+def test_the_sentence_names_both_values():
     parameter = FittedParameter("R", 84.0, 0.2, 35.0, "Ohm", 0.0, None, False)
     other = OtherValue(parameter, 35.0, 100.0, (0.2,))
-    monkeypatch.setattr(examine_module, "other_value", lambda *_: other)
     decided = examine_module.verdicts.Decided("external disturbance", "A load.", "", ())
     stand = stand_with(INERTIA)
-    same, said = _with_values(stand, None, None, decided, DiagnoseOptions(), lambda _: None)
+    same, said = _with_values(stand, lambda: other, None, decided, DiagnoseOptions(), lambda _: None)
     assert same is decided
     assert said == (
         " Another value of `R`, 84 ± 0.2 Ohm instead of the 35 Ohm that is given, comes near: estimate it "
         "(--estimate R)."
     )
     none, said = _with_values(
-        stand, None, None, replace(decided, name="nothing missing"), DiagnoseOptions(), lambda _: None
+        stand,
+        lambda: other,
+        None,
+        replace(decided, name="nothing missing"),
+        DiagnoseOptions(),
+        lambda _: None,
     )
     assert none.name == "nothing missing" and said == ""
     # Where nothing is left with it, it is the answer, also beside errors of a simulation that add up.
-    monkeypatch.setattr(examine_module, "other_value", lambda *_: replace(other, is_all=True))
-    found, said = _with_values(stand, None, None, decided, DiagnoseOptions(), lambda _: None)
+    whole = replace(other, is_all=True)
+    found, said = _with_values(stand, lambda: whole, None, decided, DiagnoseOptions(), lambda _: None)
     assert found.name == "parameters off" and said == ""
     assert found.message.endswith("no effect is missing: estimate it (--estimate R).")
-    monkeypatch.setattr(examine_module, "other_value", lambda *_: other)
     # Where errors of a simulation add up, that another value simulates better says little.
     adding = replace(stand, reference=replace(stand.reference, adds_up=True))
-    assert _with_values(adding, None, None, decided, DiagnoseOptions(), lambda _: None) == (decided, "")
+    assert _with_values(adding, lambda: other, None, decided, DiagnoseOptions(), lambda _: None) == (
+        decided,
+        "",
+    )

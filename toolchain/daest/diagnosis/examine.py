@@ -156,7 +156,7 @@ def _examined(
         decided = verdicts.decide(evidence)
     decided = _with_changes(stand, run, evidence, decided, library, options)
     decided = _with_parts(stand, evidence, decided, library, options)
-    decided, beside_values = _with_values(stand, values, evidence, decided, options, progress)
+    decided, beside_values = _with_values(stand, values.get, evidence, decided, options, progress)
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
     message += beside_values
     if decided.name not in ("supported", "nothing missing"):
@@ -283,7 +283,7 @@ def _quiet_values(stand: Stand, run: NullObserver) -> OtherValue | None:
 
 def _with_values(
     stand: Stand,
-    values: _Values,
+    values: Callable[[], OtherValue | None],
     evidence: verdicts.Evidence,
     decided: verdicts.Decided,
     options: DiagnoseOptions,
@@ -298,7 +298,7 @@ def _with_values(
     adds_up = stand.reference is not None and stand.reference.adds_up
     other = None
     with suppress(OutOfTimeError), until(options.until):
-        other = values.get()
+        other = values()
     if other is None:
         return decided, ""
     law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
