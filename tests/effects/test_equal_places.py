@@ -64,6 +64,27 @@ end Plate;
 """
 
 
+CHAIN = """model Chain "masses between springs, each behind a resistance of its drive"
+  parameter Real c(unit = "N/m", min = 0) = 50 annotation(__Daest(estimate = true));
+  parameter Real k(unit = "N/A", min = 0) = 2;
+  input Real u(unit = "V");
+  output Real y(unit = "m") = s[3];
+  Real s[3](each unit = "m"), v[3](each unit = "m/s"), F[2](each unit = "N"), I[3](each unit = "A");
+equation
+  for i in 1:3 loop
+    der(s[i]) = v[i];
+    u = 3*I[i] + k*v[i];
+  end for;
+  for i in 1:2 loop
+    F[i] = c*(s[i] - s[i + 1]);
+  end for;
+  2*der(v[1]) = k*I[1] - F[1];
+  2*der(v[2]) = k*I[2] + F[1] - F[2];
+  2*der(v[3]) = k*I[3] + F[2];
+end Chain;
+"""
+
+
 def compiled(text: str, name: str):
     return compile_text(text.encode(), Path(f"{name}.mo"), name)
 
@@ -97,24 +118,37 @@ def test_effects_with_states_stay_in_one_place() -> None:
     assert place.told == "4 times a thermal equation"
 
 
-@pytest.mark.parametrize("text", [PIPE, VECTORS], ids=["loop", "vectors"])
-def test_text_compiles_to_the_equations_of_attach(tmp_path, text) -> None:
-    file = tmp_path / "Pipe.mo"
+LOSS, SPRING = {"G": 5.0, "T_0": 280.0}, {"c3": 7.0}
+
+
+@pytest.mark.parametrize(
+    ("text", "class_name", "place", "values"),
+    [
+        (PIPE, "Thermal.HeatLoss", "each T[i]", LOSS),
+        (PIPE, "Thermal.HeatLoss", "T[3]", LOSS),
+        (VECTORS, "Thermal.HeatLoss", "T[i]", LOSS),
+        (VECTORS, "Thermal.HeatLoss", "T[3]", LOSS),
+        (CHAIN, "Translational.HardeningSpring", "each F[i]", SPRING),
+        (CHAIN, "Translational.ConstantLoad", "each v[i]", {}),
+        (CHAIN, "Electrical.BrushVoltageDrop", "each I[i]", {}),
+    ],
+)
+def test_text_compiles_to_the_equations_of_attach(tmp_path, text, class_name, place, values) -> None:
+    file = tmp_path / "Machine.mo"
     file.write_text(text)
-    flat, effect = compile_model(file), find_effect("Thermal.HeatLoss")
-    for place in ("each T[i]", "T[i]", "T[3]"):
-        site = find_site(flat, place, effect)
-        merged = attach(flat, effect, site, values={"G": 5.0, "T_0": 280.0})
-        made = extend_model(file, None, effect, site, values={"G": 5.0, "T_0": 280.0})
-        own = [p.name for p in made.flat.parameters if "heatLoss" in p.name]
-        assert own == ["heatLoss.G", "heatLoss.T_0"]
-        assert [p.name for p in merged.parameters] == [p.name for p in made.flat.parameters]
-        laws = [
-            Counter(e.text for e in one.equations if e.kind == "component" and e.origin)
-            for one in (made.flat, merged)
-        ]
-        assert {text: n for text, n in laws[0].items() if "_term" not in text} == laws[1]
-        assert characteristic(made.flat) == pytest.approx(characteristic(merged), rel=1e-6)
+    flat, effect = compile_model(file), find_effect(class_name)
+    site = find_site(flat, place, effect)
+    merged = attach(flat, effect, site, values=values)
+    made = extend_model(file, None, effect, site, values=values)
+    estimated = [p.name for p in made.flat.parameters if "_end." not in p.name]
+    assert [p.name for p in merged.parameters] == estimated
+    laws = [
+        Counter(e.text for e in one.equations if e.kind == "component" and e.origin)
+        for one in (made.flat, merged)
+    ]
+    own = {text: n for text, n in laws[0].items() if "_term" not in text and "_end" not in text}
+    assert own == laws[1]
+    assert characteristic(made.flat) == pytest.approx(characteristic(merged), rel=1e-6)
 
 
 def test_own_connectors_of_arrays_are_joined(tmp_path) -> None:

@@ -139,7 +139,7 @@ def test_currents_of_a_loop_are_refused_with_a_reason(tmp_path):
   output Real y(unit = "A") = i[1] + i[2];
   Real i[2](each unit = "A");
 equation
-  for k in 1:2 loop
+  for k in 1:1:2 loop
     i[k] = k*u/R;
   end for;
 end Coils;

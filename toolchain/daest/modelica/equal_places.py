@@ -15,7 +15,7 @@ from daest.model.effects import Site
 from daest.model.flat import FlatModel
 
 EACH = "each "  # begins the name of the places together
-_KINDS = ("node", "component", "pair", "connector", "equation", "exchange")
+_KINDS = ("node", "component", "pair", "connector", "equation", "exchange", "force", "mesh")
 _SUBSCRIPTS = re.compile(r"\[([\d, ]+)\]")
 _NUMBERED = re.compile(r"^([A-Za-z_]\w*?)(\d+)(?=\.|$)")  # a component and its number
 _ROW = re.compile(r"^\d+:")  # before the name of a balance

@@ -560,10 +560,31 @@ def _prescribed(draft: _Draft, flat: FlatModel, name: str, variable: str) -> str
 def _opened_for(original: _Original, place: str, domain: Domain) -> tuple[_Original, str]:
     """As `_opened_balance`, of a place as the model named it before others were opened, which changes the
     numbers of its equations."""
-    names, variable = original.flat.unknown_names, place.rpartition(":")[2]
-    alike = [b for b in balances(original.flat) if names[b.variable] == variable]
-    same = next((b for b in alike if b.name(original.flat) == place), alike[0])
-    return _opened_balance(original, same.name(original.flat), domain)
+    known = [balance.name(original.flat) for balance in balances(original.flat)]
+    return _opened_balance(original, _renumbered(place, known), domain)
+
+
+def _renumbered(place: str, known: Sequence[str]) -> str:
+    """The name of a place by which the model knows it, whose equations may have other numbers since others
+    were opened."""
+
+    def without_numbers(name: str) -> list[str]:
+        return [part.rpartition(":")[2] for part in name.split(", ")]
+
+    if place in known:
+        return place
+    return next(name for name in known if without_numbers(name) == without_numbers(place))
+
+
+def _with_rows_alone(original: _Original, rows: Sequence[int]) -> _Original:
+    """The model whose equations of these numbers stand for themselves: the first loop around one of them is
+    written out, which changes the numbers."""
+    for row in rows:
+        with _opening(original, f"the equation {original.flat.equations[row].text}"):
+            source = with_loop_written_out(original.source, original.flat, row)
+        if source != original.source:
+            return original.changed(source)
+    return original
 
 
 def _opened_balance(original: _Original, place: str, domain: Domain) -> tuple[_Original, str]:
@@ -578,11 +599,10 @@ def _opened_balance(original: _Original, place: str, domain: Domain) -> tuple[_O
     end = term_connector(flat, (balance.row,), domain)
     if end is not None:
         return original, end
-    shown = f"the equation {flat.equations[balance.row].text}"
-    with _opening(original, shown):
-        source = with_loop_written_out(original.source, flat, balance.row)
-        if source != original.source:
-            return _opened_for(original.changed(source), place, domain)
+    alone = _with_rows_alone(original, [balance.row])
+    if alone is not original:
+        return _opened_for(alone, place, domain)
+    with _opening(original, f"the equation {flat.equations[balance.row].text}"):
         source, end = opened_balance(original.source, flat, balance, domain, names_of(flat))
     return original.changed(source), end
 
@@ -591,9 +611,13 @@ def _beside_force(draft: _Draft, placement: Placement, original: _Original) -> _
     """The model with a connector at a force between bodies, where the effect sits; the other end of an effect
     with two is fixed."""
     flat, name, domain = original.flat, placement.name, placement.site.domain
-    force = next(f for f in internal_forces(flat) if f.name(flat) == placement.site.name)
+    known = {force.name(flat): force for force in internal_forces(flat)}
+    force = known[_renumbered(placement.site.name, list(known))]
     end = term_connector(flat, (entry.row for entry in force.entries), domain)
     if end is None:
+        alone = _with_rows_alone(original, [entry.row for entry in force.entries])
+        if alone is not original:
+            return _beside_force(draft, placement, alone)
         with _opening(original, f"the equation {flat.equations[force.entries[0].row].text}"):
             source, end = opened_force(original.source, flat, force, names_of(flat))
         original = original.changed(source)
@@ -609,7 +633,11 @@ def _beside_force(draft: _Draft, placement: Placement, original: _Original) -> _
 def _in_mesh(draft: _Draft, placement: Placement, original: _Original) -> _Original:
     """The model with the effect in series in a mesh that an equation describes."""
     flat = original.flat
-    place = next(m for m in meshes(flat) if m.name(flat) == placement.site.name)
+    known = {mesh.name(flat): mesh for mesh in meshes(flat)}
+    place = known[_renumbered(placement.site.name, list(known))]
+    alone = _with_rows_alone(original, [place.row])
+    if alone is not original:
+        return _in_mesh(draft, placement, alone)
     with _opening(original, f"the equation {flat.equations[place.row].text}"):
         source, term = opened_mesh(original.source, flat, place, names_of(flat))
     draft.changes.append(f"{term}(is_used = true)")
