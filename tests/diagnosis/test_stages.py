@@ -280,3 +280,10 @@ def test_effects_with_states_are_looked_for_where_an_accepted_law_leaves_most(
         cast(Any, stand), nothing, nothing, nothing, (), (), DiagnoseOptions(), nothing, nothing, nothing
     )
     assert course._leaves_most(cast(Any, [play])) is is_looked_for
+
+
+def test_a_refit_from_estimates_without_loads_has_the_names_of_its_own_place():
+    """A law that was found at a place which the sensors see alike is another component."""
+    law, there = SimpleNamespace(name="effect_4_1"), SimpleNamespace(name="effect_9_1")
+    prepared = SimpleNamespace(trial=SimpleNamespace(candidate=law), names=("effect", "effect_4_1.k"))
+    assert trials_module._names_at(prepared, there) == ("effect", "effect_9_1.k")

@@ -243,7 +243,8 @@ def from_simulation(prepared: Prepared, proof: Proof) -> Prepared | None:
     if proof.final is None:
         return None
     is_below = proof.final.log_likelihood > proof.fit.log_likelihood + LOST
-    kept = {name: proof.final.theta[name] for name in prepared.names if name in proof.final.theta}
+    names = _names_at(prepared, proof.candidate)
+    kept = {name: proof.final.theta[name] for name in names if name in proof.final.theta}
     apart = [proof.fit.theta[name] / value for name, value in kept.items() if value]
     if not is_below and not any(0.0 < ratio < 1.0 / FAR for ratio in apart):
         return None
@@ -252,4 +253,12 @@ def from_simulation(prepared: Prepared, proof: Proof) -> Prepared | None:
     inside = {name: _inside(value, known[name].min, known[name].max) for name, value in kept.items()}
     trial = replace(prepared.trial, candidate=proof.candidate)
     calm = proof.final if is_below else None
-    return replace(prepared, trial=trial, flat=flat.with_theta(inside), simulation=calm, explicit=None)
+    started = replace(prepared, trial=trial, names=names, flat=flat.with_theta(inside))
+    return replace(started, simulation=calm, explicit=None)
+
+
+def _names_at(prepared: Prepared, candidate: Candidate) -> tuple[str, ...]:
+    """The parameters that are estimated where the law is the `candidate`, which may stand at another place
+    that the sensors see alike."""
+    own, there = f"{prepared.trial.candidate.name}.", f"{candidate.name}."
+    return tuple(there + name.removeprefix(own) if name.startswith(own) else name for name in prepared.names)

@@ -334,14 +334,16 @@ def _together(
     """The end of a search over z and the noise levels from `levels`, with the gains of `average`; over z
     alone where it has none. It ends early where it will not come down to the `goal`."""
     family = None if average is None else free_gains(setup, average, levels)
-    if family is None or family.at(np.zeros(family.n_logs)) is None:
-        lower, upper = limits(problem)
-        found = minimise(objective(problem), z, lower, upper, iterations, enough, goal)
-        return None if found is None else Ending(problem, found, levels)
-    wide = with_family(problem, family)
-    start = np.concatenate([z, np.zeros(family.n_logs)])
-    found = minimise(objective(wide), start, *limits(wide), iterations, enough, goal)
-    return None if found is None else without_family(setup, wide, found)
+    if family is not None and family.at(np.zeros(family.n_logs)) is not None:
+        wide = with_family(problem, family)
+        start = np.concatenate([z, np.zeros(family.n_logs)])
+        found = minimise(objective(wide), start, *limits(wide), iterations, enough, goal)
+        if found is not None:
+            return without_family(setup, wide, found)
+    # Gains have no slopes beside a mode that no output sees and that neither grows nor fades: the charges of
+    # equal cells may differ by anything.
+    found = minimise(objective(problem), z, *limits(problem), iterations, enough, goal)
+    return None if found is None else Ending(problem, found, levels)
 
 
 def _rescanned(setup: Setup, end: Ending, warm: WarmStart) -> Levels:

@@ -247,10 +247,10 @@ def used_parameters(flat: FlatModel) -> list[str]:
 
 
 def fits(effect: Effect, site: Site) -> bool:
-    """Whether the effect can be attached at the site; at equal places those alone that have no state."""
+    """Whether the effect can be attached at the site; at equal places those alone that bring no state."""
     if site.parts:
-        is_static = not (effect.is_dynamic or effect.n_states)
-        return is_static and all(fits(effect, part) for part in site.parts)
+        is_stateless = not effect.n_states and (effect.is_of_store or not effect.is_dynamic)
+        return is_stateless and all(fits(effect, part) for part in site.parts)
     if site.kind in _SIGNALS:
         return effect.attach in _SIGNALS[site.kind] and (effect.is_limit or not site.limits_only)
     if effect.domain != site.domain:
