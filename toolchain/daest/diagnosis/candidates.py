@@ -17,9 +17,8 @@ from daest.model.effects import PER_TIME, Effect, EffectParameter, Placement, Si
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.modelica.attach import attach_all, check_values
-from daest.modelica.balances import domain_of
+from daest.modelica.balances import domain_of, is_length
 from daest.modelica.clock import clock_unit
-from daest.modelica.connectors import LEVEL
 from daest.modelica.place_units import units_at
 from daest.modelica.sites import fits
 from daest.numerics.evaluator import along
@@ -105,7 +104,7 @@ def _is_stored(grown: ExplicitModel, candidate: Candidate) -> bool:
     acts = grown.rhs.jac_sparsity(0, 4)
     units = {u.name: u.unit for u in grown.flat.unknowns}
     moved = [
-        "hydraulic" if units.get(name) == LEVEL else domain_of(units.get(name, ""))
+        "hydraulic" if is_length(units.get(name, "")) else domain_of(units.get(name, ""))
         for i, name in enumerate(grown.state_names)
         if any(acts.has_nz(i, k) for k in columns)
     ]

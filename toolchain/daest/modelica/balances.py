@@ -78,7 +78,7 @@ class Balance:
 
     def is_level(self, flat: FlatModel) -> bool:
         """Whether the variable is the level of a liquid: a length beside a volume flow or an area."""
-        if flat.unknowns[self.variable].unit != LEVEL:
+        if not is_length(flat.unknowns[self.variable].unit):
             return False
         units = [x.unit for part in (flat.unknowns, flat.inputs, flat.parameters) for x in part]
         symbols = ca.vertcat(flat.xi, flat.u, flat.theta)
@@ -98,6 +98,15 @@ def base_unit(unit: str) -> str:
     return next((base for base in known if base != "rad/s" or turns), "")
 
 
+def is_length(unit: str) -> bool:
+    """Whether a quantity in the unit converts to meters.
+
+    >>> is_length("cm"), is_length("1/m")
+    (True, False)
+    """
+    return is_of(unit, LEVEL) and converts(unit, LEVEL)
+
+
 def domain_of(unit: str) -> Domain | None:
     """The domain of a variable in `unit` whose rate a balance gives; None where the unit does not tell."""
     return DOMAINS.get(base_unit(unit))
@@ -105,8 +114,8 @@ def domain_of(unit: str) -> Domain | None:
 
 def in_connectors(unit: str) -> Conversion:
     """From a variable of a balance to what the connectors of its domain have: temperatures are absolute
-    there, all else is in the unit of DOMAINS. A unit that tells no domain stays."""
-    base = base_unit(unit)
+    there, all else is in the unit of DOMAINS, and lengths are in meters. A unit that tells no domain stays."""
+    base = LEVEL if is_length(unit) else base_unit(unit)
     return conversion(unit, "K" if DOMAINS.get(base) == "thermal" else base) if base else Conversion()
 
 

@@ -84,7 +84,7 @@ def _by_units(potential: str, flow: str) -> Domain | None:
         return _UNITS[potential, flow]
     for (wanted, wanted_flow), domain in _UNITS.items():
         pairs = ((potential, wanted), (flow, wanted_flow))
-        if wanted not in ("rad", LEVEL) and all(is_of(unit, of) and converts(unit, of) for unit, of in pairs):
+        if wanted != "rad" and all(is_of(unit, of) and converts(unit, of) for unit, of in pairs):
             return domain
     return None
 
