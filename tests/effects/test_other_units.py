@@ -115,6 +115,40 @@ def test_effect_does_the_same_in_another_unit(tmp_path, own, unit, effect_name, 
     assert units_at(flat, effect, site) == {p.name: p.unit for p in effect.parameters}
 
 
+LEVELS = {
+    "m": 'Real h(unit="m", start=0.4); input Real u(unit="m3/s");',
+    "cm": 'Real h(unit="cm", start=40); input Real u(unit="cm3/s");',
+    "mm": 'Real h(unit="mm", start=400); input Real u(unit="l/min");',
+}
+BALANCES = {
+    "m": "0.02*der(h) = u - 0.001*h;",
+    "cm": "200*der(h) = u - 10*h;",
+    "mm": "1.2*der(h) = u - 0.06*h;",
+}
+
+
+@pytest.mark.parametrize(("unit", "of_u", "of_y"), [("cm", 1e6, 1e2), ("mm", 6e4, 1e3)])
+def test_a_level_may_be_in_any_unit_of_length(tmp_path, unit, of_u, of_y):
+    """The tanks of the textbooks are in cm and cm3/s: no law of a domain had a place in them."""
+    effect = find_effect("Hydraulic.Overflow")
+    values = {"k": 2e-3, "p_max": 0.35}
+
+    def grown(unit):
+        file = tmp_path / f"{unit}.mo"
+        file.write_text(f"model M {LEVELS[unit]} output Real y = h;\nequation {BALANCES[unit]} end M;\n")
+        flat = compile_model(file)
+        site = find_site(flat, "h", effect)
+        return file, flat, site, attach(flat, effect, site, values=values)
+
+    expected = course(grown("m")[3], 4e-4)
+    file, flat, site, other = grown(unit)
+    assert (site.kind, site.domain) == ("equation", "hydraulic")
+    assert units_at(flat, effect, site) == {"k": "m3/(s.m)", "p_max": "m", "p_s": "m"}
+    assert course(other, of_u * 4e-4) == pytest.approx(of_y * expected, rel=1e-4)
+    written = extend_model(file, None, effect, site, values=values)
+    assert course(written.flat, of_u * 4e-4) == pytest.approx(of_y * expected, rel=1e-4)
+
+
 def test_units_of_one_quantity_are_of_one_domain():
     bases = {"rpm": "rad/s", "deg/s": "rad/s", "rev/min": "rad/s", "km/h": "m/s", "bar": "Pa"}
     assert {unit: base_unit(unit) for unit in bases} == bases

@@ -8,6 +8,7 @@ from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model
 from daest.modelica.effects import find_effect
 from daest.modelica.extend import extend_model
+from daest.modelica.place_units import units_at
 from daest.modelica.sites import find_site, sites
 from daest.systems.simulate import simulate
 
@@ -112,3 +113,49 @@ def test_body_whose_connector_has_a_speed_is_a_place(path):
     assert settled(attached) == pytest.approx(expected(LEAK_IN_UNITS, 2.0), rel=1e-6)
     with pytest.raises(ModelError, match="lies inside of the component `drum`"):
         extend_model(path, "P.Drive", load, find_site(flat, "drum.w", load))
+
+
+TANKS = """
+package T
+  connector Port Real h(unit = "UNIT"); flow Real q(unit = "FLOW"); end Port;
+  model Tank
+    Port port;
+    parameter Real A(unit = "AREA");
+  equation
+    A*der(port.h) = port.q;
+  end Tank;
+  model Pump Port port; input Real q(unit = "FLOW"); equation port.q = -q; end Pump;
+  model Pipe Port a; Port b; parameter Real k = 1; equation a.q = k*(a.h - b.h); a.q + b.q = 0; end Pipe;
+  model Two
+    input Real u(unit = "FLOW");
+    output Real y(unit = "UNIT") = two.port.h;
+    Pump pump(q = u); Tank one(A = SIZE); Tank two(A = SIZE); Pipe pipe(k = LINE);
+  equation
+    connect(pump.port, one.port); connect(one.port, pipe.a); connect(pipe.b, two.port);
+  end Two;
+end T;
+"""
+
+
+def test_levels_of_own_connectors_may_be_in_any_unit_of_length(tmp_path):
+    effect, found = find_effect("Hydraulic.Leak"), []
+    time = np.linspace(0.0, 60.0, 31)
+    for unit, flow, area, size, line in (
+        ("m", "m3/s", "m2", 0.01, 1e-3),
+        ("cm", "cm3/s", "cm2", 100.0, 10.0),
+    ):
+        file, text = tmp_path / f"{unit}.mo", TANKS
+        for name, value in (("UNIT", unit), ("FLOW", flow), ("AREA", area)):
+            text = text.replace(name, value)
+        file.write_text(text.replace("SIZE", f"{size}").replace("LINE", f"{line}"))
+        flat = compile_model(file, "T.Two")
+        site = find_site(flat, "two.port", effect)
+        assert units_at(flat, effect, site) == {"G": "m3/(s.m)"}
+        made = extend_model(file, "T.Two", effect, site, values={"G": 2e-4})
+        u = np.full((31, 1), 1e-4 if unit == "m" else 1e2)
+        grown = attach(flat, effect, site, values={"G": 2e-4})
+        found += [simulate(one, (time, u)).outputs[:, 0] for one in (grown, made.flat)]
+    first, written, other, other_written = found
+    assert 0.1 < first[-1] < 0.25
+    for course, scale in ((written, 1.0), (other, 100.0), (other_written, 100.0)):
+        assert course == pytest.approx(scale * first, rel=1e-5)

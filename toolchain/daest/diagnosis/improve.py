@@ -564,6 +564,8 @@ def _without_superfluous(task: _Task, path: _Path) -> _Path:
     """The path without the effects that the last one has made superfluous, one at a time."""
     for number in _doubtful(path.steps):
         shorter = _rebuilt(task, path, number)
+        # A kink that is too sharp would count against the model that has fewer effects.
+        shorter = shorter and _with_kinks(task, shorter)
         if shorter is None or shorter.bic > path.bic + GATES.min_bic_gain or _is_worse(path, shorter):
             continue
         label = _label(path.steps[number])

@@ -105,7 +105,11 @@ def proved_again(stand: Stand, proof: Proof, values: Mapping[str, float]) -> Pro
     """The proof of the same effect beside another model, that of `stand`, started from the parameter `values`
     of a fit. Raises what refits raise."""
     candidate = proof.candidate
-    own = {p.name: values.get(f"{candidate.name}.{p.name}") for p in candidate.effect.parameters}
+    # A kink that was rounded beside what stands no longer there is as sharp again as it was found.
+    own = {
+        p.name: values.get(f"{candidate.name}.{p.name}") if p.estimate or p.role != "sharpness" else None
+        for p in candidate.effect.parameters
+    }
     shape = {name: v for name in candidate.shape if (v := own[name]) is not None}
     shaped = replace(candidate, shape={**candidate.shape, **shape})
     trial = Trial(shaped, tuple(own[p.name] or p.start for p in candidate.effect.sizes), ())

@@ -11,7 +11,7 @@ import numpy as np
 
 from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
-from daest.modelica.balances import DOMAINS, Balance, balances, base_unit
+from daest.modelica.balances import DOMAINS, Balance, balances, base_unit, is_length
 from daest.modelica.clock import clock_unit, in_clock
 from daest.modelica.connectors import FLOWS, LEVEL, MASS_FLOW, connectors_of
 from daest.modelica.factors import ONE, Entry, are_same, divisors, factors, given_value, is_of_parameters
@@ -66,7 +66,7 @@ def _units_in_seconds(flat: FlatModel, effect: Effect, site: Site, clock: str) -
         of_potential, of_flow = _units_of_connector(flat, site)
         if of_flow == MASS_FLOW:
             return {p.name: _of_mass(p.unit) for p in effect.parameters}
-        if of_potential == LEVEL:
+        if is_length(of_potential):
             return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
     if site.kind == "mesh" and site.domain == "hydraulic":
         number, name = site.name.split(":", 1)
