@@ -114,7 +114,7 @@ def domain_of(unit: str) -> Domain | None:
 
 def in_connectors(unit: str) -> Conversion:
     """From a variable of a balance to what the connectors of its domain have: temperatures are absolute
-    there, all else is in the unit of DOMAINS, and lengths are in meters. A unit that tells no domain stays."""
+    there, all else is in the unit of DOMAINS, lengths are in meters. A unit that tells no domain stays."""
     base = LEVEL if is_length(unit) else base_unit(unit)
     return conversion(unit, "K" if DOMAINS.get(base) == "thermal" else base) if base else Conversion()
 
