@@ -12,7 +12,7 @@ import numpy as np
 from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
 from daest.modelica.balances import DOMAINS, Balance, balances, base_unit
-from daest.modelica.clock import clock_unit, in_clock
+from daest.modelica.clock import clock_unit, in_clock, put_in
 from daest.modelica.connectors import FLOWS, LEVEL, MASS_FLOW, connectors_of
 from daest.modelica.factors import ONE, Entry, are_same, divisors, factors, given_value, is_of_parameters
 from daest.modelica.other_units import SCALES, in_other_units, power_of
@@ -212,11 +212,12 @@ def _has_flow_of_other_scale(flat: FlatModel, balance: Balance, unit: str) -> bo
 
 def _flows(flat: FlatModel, unit: str) -> Iterator[tuple[ca.SX, float]]:
     """The unknowns and inputs that convert to `unit`, each with the scale of its own unit; not those of
-    effects that were put in, which were told their factor themselves."""
+    loads and effects that were put in, which were told their factor themselves."""
+    others = put_in(flat)
     known = [*zip(flat.unknowns, ca.vertsplit(flat.xi), strict=True)]
     known += zip(flat.inputs, ca.vertsplit(flat.u) if flat.u.numel() else [], strict=True)
     for variable, symbol in known:
-        is_own = variable.name.partition(".")[0] not in flat.attached
+        is_own = variable.name.partition(".")[0] not in others
         if is_own and is_of(variable.unit, unit):
             yield symbol, conversion(variable.unit, unit).scale
 
