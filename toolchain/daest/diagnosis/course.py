@@ -114,6 +114,7 @@ class Course:
         proofs = stages.shown_in_use(proofs)
         proofs = self._with_leaders_in_use(stages, proofs)
         proofs = self._with_leaders_near_given(proofs)
+        proofs = stages.with_simulations(proofs)
         proofs = stages.steadied(proofs)
         order = ranked(proofs)
         is_whole = not stages.late and None not in fits
