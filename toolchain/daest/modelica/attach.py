@@ -507,11 +507,10 @@ class _Assembly:
         else:
             source, source_symbol = place.source
             old = self.equations[place.row]
-            text = _renamed(old.text, source, f"({source} - {voltage})")
+            text = _renamed(old.text, source, place.lowered(source, voltage))
             self.equations[place.row] = replace(old, text=text)
-            self.residual[place.row] = ca.substitute(
-                self.residual[place.row], source_symbol, source_symbol - symbol
-            )
+            lowered = source_symbol - place.per_drop * symbol
+            self.residual[place.row] = ca.substitute(self.residual[place.row], source_symbol, lowered)
         current = place.current_text(self.flat, voltage) or place.flow_name(self.flat)
         self._tie(*member.local(first, 1), current, place.current(self.flat, symbol))
         self._tie(*member.local(second, 0), "0", ca.SX(0.0))

@@ -248,6 +248,22 @@ def has_drop(flat: FlatModel, row: int, flow: int, drop: str, unit: str, times: 
     return False
 
 
+def scale_of_drops(flat: FlatModel, row: int, flow: int, times: ca.SX = ONE) -> float:
+    """How many V one of the terms of an equation along a path of the unknown `flow` is, `times` what they are
+    divided by, as the factor of the flow or of its rate tells: 1000 in `u = R*i` with R in kOhm and i in A.
+    1 where both move or hold a number that may be a conversion."""
+    per_time = in_base_units(clock_unit(flat))
+    for at, time in ((flat.n + flow, per_time), (flow, 1.0)):
+        factor = ca.simplify(times * _slope(flat, row, at))
+        if not is_of_parameters(flat, factor):
+            continue
+        value = ca.Function("value", [flat.theta], [factor])
+        if abs(float(value(np.ones(flat.theta.numel())))) == 1.0:
+            size = abs(float(value([in_base_units(p.unit) for p in flat.parameters])))
+            return float(f"{size * in_base_units(flat.unknowns[flow].unit) / time:.12g}")
+    return 1.0
+
+
 def is_of_heads(flat: FlatModel, row: int, flow: int, times: ca.SX = ONE) -> bool:
     """Whether the equation, `times` an expression, is a sum of heads, in meters of the liquid, along a path
     of the unknown `flow`."""
