@@ -4,7 +4,6 @@ pressures along a pipe with one flow, `L*der(q) = p - R*q`."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -17,10 +16,10 @@ from daest.modelica.balances import own_laws, slopes_near_start
 from daest.modelica.factors import ONE, are_same, given_value, is_of_parameters, sum_around, variables_text
 from daest.modelica.place_units import has_drop, has_unit, is_of_heads, parts_divided_by, scale_of_drops
 from daest.modelica.terminals import CURRENT, VOLTAGE
+from daest.modelica.text import times_text
 from daest.quantities import conversion, in_base_units, is_of
 
 _RESISTANCE = "Ohm"
-_NAME = re.compile(r"[A-Za-z_][\w.\[\]]*")
 UNITS: dict[Domain, tuple[str, str]] = {  # of what drops along the path, and of what flows
     "electrical": (VOLTAGE, CURRENT),
     "hydraulic": ("Pa", "m3/s"),
@@ -86,17 +85,6 @@ class Mesh:
     def lowered(self, source: str, drop: str) -> str:
         """The text of a source from which a voltage is taken."""
         return f"({source} - {times_text(self.per_drop, drop)})"
-
-
-def times_text(factor: float, text: str) -> str:
-    """A text times a number, which is left out where it is 1.
-
-    >>> times_text(1.0, "i"), times_text(0.001, "i"), times_text(0.001, "u/R")
-    ('i', '0.001*i', '0.001*(u/R)')
-    """
-    if factor == 1.0:
-        return text
-    return f"{factor!r}*{text}" if _NAME.fullmatch(text) else f"{factor!r}*({text})"
 
 
 def meshes(flat: FlatModel) -> list[Mesh]:
