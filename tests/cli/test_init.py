@@ -212,6 +212,13 @@ def test_what_a_model_gives_its_components_is_proposed_where_it_has_nothing_of_i
     assert document["estimate"] == document["proposed"] == ["room.C", "wall.G"]
 
 
+@pytest.mark.parametrize(("capacity", "clock"), [("J/K", "s"), ("W.h/K", "h")])
+def test_the_unit_of_cuts_is_that_in_which_the_model_counts_time(box, daest, capacity, clock):
+    (box / "Box.mo").write_text(UNMARKED.replace("J/K", capacity))
+    assert daest("init", "Box.mo")[0] == 0
+    assert f"# from, to [{clock}], resample [{clock}]," in (box / "daest.toml").read_text()
+
+
 def test_a_parameter_that_is_nothing_but_a_start_is_not_proposed(box, daest):
     text = (box / "Box.mo").read_text()
     begun = text.replace(

@@ -209,6 +209,15 @@ def test_a_limited_command_and_a_held_input_are_no_faults():
     assert [f.code for f in notes] == ["check-saturation"] * 2 and {f.level for f in notes} == {"note"}
 
 
+@pytest.mark.parametrize(("of_model", "unit"), [("degC", None), ("m", "in"), (None, "in")])
+def test_an_ending_of_a_name_is_no_unit_where_the_model_has_another_quantity(of_model, unit):
+    time = PERIOD * np.arange(N)
+    table = Table("run.csv", (Column("time", "s", time), Column("T_in", None, np.sin(time))), None)
+    units = {"T_in": of_model} if of_model else {}
+    (column,) = check_table(table, {"T_in": "input"}, units=units).columns
+    assert column.unit == unit
+
+
 CLOCKS = {
     "check-clock-gap": lambda t: np.delete(t, [50, 51, 200]),
     "check-clock-jump": lambda t: np.where(t > 5, t + 30, t),

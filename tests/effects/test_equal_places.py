@@ -62,6 +62,25 @@ PLATE = """package Plate
   end Cells;
 end Plate;
 """
+TRAIN = """package Train
+  connector Hook Real s(unit = "m"); flow Real f(unit = "N"); end Hook;
+  model Wagon Hook a; Hook b; Real v(unit = "m/s"); parameter Real m(unit = "kg") = 4;
+  equation a.s = b.s; v = der(a.s); m*der(v) = a.f + b.f; end Wagon;
+  model Coupler Hook a; Hook b; parameter Real c(unit = "N/m") = 300;
+  equation b.f = c*(b.s - a.s); a.f + b.f = 0; end Coupler;
+  model Pull Hook p; input Real F(unit = "N"); equation p.f = -F; end Pull;
+  model Train "three wagons behind a rope"
+    input Real F(unit = "N"); output Real y(unit = "m/s") = wagon[3].v;
+    Wagon wagon[3]; Coupler coupler[2]; Pull rope(F = F);
+  equation
+    connect(rope.p, wagon[1].a);
+    for i in 1:2 loop
+      connect(wagon[i].b, coupler[i].a);
+      connect(coupler[i].b, wagon[i + 1].a);
+    end for;
+  end Train;
+end Train;
+"""
 
 
 CHAIN = """model Chain "masses between springs, each behind a resistance of its drive"
@@ -108,6 +127,13 @@ def test_equal_components_are_parts_and_others_are_not() -> None:
     assert found["each end#.port"] == ("end1.port", "end2.port")
     assert found["each joint#"] == ("joint1", "joint2", "joint3")
     assert not any("other#" in name for name in found)
+
+
+def test_nodes_of_a_chain_are_one_place_whatever_connector_they_are_called_by() -> None:
+    """The node in the middle is called by its other end: a law had been put at the first and the last."""
+    found = each(compiled(TRAIN, "Train.Train"))
+    assert found["each wagon[i].a"] == ("wagon[1].a", "wagon[2].b", "wagon[3].a")
+    assert found["each coupler[i]"] == ("coupler[1]", "coupler[2]")
 
 
 def test_effects_with_states_stay_in_one_place() -> None:

@@ -86,6 +86,47 @@ WRITTEN_OUT = {
 }
 
 
+SMALL = {  # the same motor in other units
+    'R(unit = "Ohm") = 2': 'R(unit = "kOhm") = 0.002',
+    'L(unit = "H") = 0.5': 'L(unit = "kH") = 0.0005',
+    'J(unit = "kg.m2") = 0.01': 'J(unit = "g.m2") = 10',
+    'i(unit = "A"': 'i(unit = "mA"',
+}
+
+
+@pytest.mark.parametrize("form", ["sum", "current", "coil", "rate"])
+def test_voltage_drop_is_in_its_units_beside_currents_in_others(tmp_path, form):
+    text = HEAD + FORMS[form] + REST
+    for own, other in SMALL.items():
+        text = text.replace(own, other)
+    path = tmp_path / "Motor.mo"
+    path.write_text(text)
+    flat, effect = compile_model(path), find_effect("Electrical.BrushVoltageDrop")
+    (site,) = [s for s in sites(flat) if s.kind == "mesh"]
+    values = {"V_b": 1.5, "i_s": 0.3}
+    drive = (np.linspace(0.0, 0.3, 31), np.full((31, 1), 5.0))
+    written = extend_model(path, None, effect, site, values=values)
+    for model in (attach(flat, effect, site, values=values), written.flat):
+        reached = simulate(model, drive).outputs[-1, 0]
+        assert reached == pytest.approx(turning(form in ("coil", "rate"), 1.5), rel=2e-5)
+
+
+def test_pressure_drop_is_in_its_units_beside_bar_and_litres() -> None:
+    text = b"""model Pipe
+      parameter Real b(unit = "bar.min2/l2") = 1e-4; parameter Real I(unit = "bar.s.min/l") = 0.02;
+      input Real p(unit = "bar"); output Real q(unit = "l/min", start = 90, fixed = true);
+    equation
+      I*der(q) = p - b*q^2;
+    end Pipe;"""
+    flat, effect = compile_text(text, Path("Pipe.mo")), find_effect("Hydraulic.Orifice")
+    (site,) = [s for s in sites(flat) if s.kind == "mesh"]
+    assert units_at(flat, effect, site)["k"] == "Pa.s2/m6"
+    k = 5e-5 * 1e5 * 6e4**2  # 5e-5 bar.min2/l2
+    drive = (np.linspace(0.0, 20.0, 201), np.full((201, 1), 1.5))
+    run = simulate(attach(flat, effect, site, values={"k": k, "q_s": 1e-7}), drive)
+    assert run.outputs[-1, 0] == pytest.approx(100.0, rel=1e-4)
+
+
 @pytest.mark.parametrize(
     "form", [pytest.param(f, marks=pytest.mark.slow if f == "product" else ()) for f in WRITTEN_OUT]
 )

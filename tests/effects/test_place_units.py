@@ -1,12 +1,15 @@
 """Units of an effect's parameters: of the signal that it sits on, and none where an equation tells none."""
 
+from pathlib import Path
+
 import pytest
 
+from daest.diagnosis.loads import load_places, load_sites, with_loads
 from daest.errors import ModelError
 from daest.modelica.attach import attach
 from daest.modelica.balances import balances
 from daest.modelica.clock import clock_unit
-from daest.modelica.compile import compile_model
+from daest.modelica.compile import compile_model, compile_text
 from daest.modelica.effects import effect_library, find_effect
 from daest.modelica.factors import given_value
 from daest.modelica.place_units import balance_entry, flow_unit, units_at
@@ -317,3 +320,15 @@ def test_terms_in_kilowatts_tell_it_though_no_flow_stands_among_them(tmp_path, u
     flat = compile_model(file)
     (balance,) = balances(flat)
     assert given_value(flat, balance_entry(flat, balance).factor) == pytest.approx(factor)
+
+
+def test_loads_that_stand_in_a_balance_do_not_change_its_scale() -> None:
+    """What is put in after them had been taken in kW, and called W."""
+    flat = compile_text(
+        b'model M parameter Real C(unit = "kW.h/K") = 2; parameter Real G(unit = "kW/K") = 0.2; '
+        b'input Real u(unit = "degC"); output Real y(unit = "degC") = T; Real T(unit = "degC"); '
+        b"equation C*der(T) = G*(u - T); end M;",
+        Path("M.mo"),
+    )
+    (place,) = load_places(flat, load_sites(flat))
+    assert factor_at(with_loads(flat, [place], [1.0]), "0:T") == pytest.approx(1e-3)

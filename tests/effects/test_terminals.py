@@ -54,6 +54,20 @@ def test_relaxation_is_put_in_series(tmp_path, form):
         assert found == pytest.approx(expected, abs=1e-6)
 
 
+def test_drop_is_in_volts_beside_millivolts_and_milliamperes(tmp_path):
+    path = tmp_path / "Cell.mo"
+    path.write_text(
+        'model Cell parameter Real R(unit = "Ohm") = 0.02; input Real i(unit = "mA");\n'
+        'output Real u(unit = "mV"); equation u = 3200 - R*i; end Cell;\n'
+    )
+    flat, effect = compile_model(path), find_effect("Electrical.BrushVoltageDrop")
+    site, values = find_site(flat, "u:i", effect), {"V_b": 0.1, "i_s": 0.3}
+    written = extend_model(path, None, effect, site, values=values)
+    for model in (attach(flat, effect, site, values=values), written.flat):
+        found = simulate(model, (TIME, np.full((31, 1), 300.0))).outputs[:, 0]
+        assert found == pytest.approx(3200.0 - 6.0 - 100.0 * np.tanh(1.0), rel=1e-6)
+
+
 @pytest.mark.slow  # test_inner_signals.py, test_meshes.py
 def test_two_effects_at_one_terminal_add_up(tmp_path):
     path = tmp_path / "Cell.mo"

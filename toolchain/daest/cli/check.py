@@ -94,7 +94,8 @@ def checked(path: Path, project: Project, flat: Model | None, window: Preparatio
     inputs, outputs = signals(flat, project)
     roles: dict[str, Role] = dict.fromkeys((signal.header for signal in inputs), "input")
     roles.update(dict.fromkeys((signal.header for signal in outputs), "output"))
-    check = check_table(table, roles, project.time, clock)
+    units = {signal.header: signal.unit for signal in (*inputs, *outputs)}
+    check = check_table(table, roles, project.time, clock, units)
     doubts = unitless_findings(table, [*inputs, *outputs])
     doubts += clock_findings(as_told, clock, project.time)
     findings = (*_against(path, project, flat, window), *doubts, *check.findings)

@@ -44,6 +44,7 @@ def command(
     from daest.data.project import FILE_NAME, Project, load_project
     from daest.data.read import Signal, read_table
     from daest.data.template import Draft, project_text
+    from daest.modelica.clock import model_clock
 
     file = model_options.project_file or Path(FILE_NAME)
     _refuse_existing(file)
@@ -68,6 +69,7 @@ def command(
         frozenset({*parameters.held, *(parameters.prior or {}), *_other_choice(source, flat)}),
         proposed,
         _split(tables, is_driven=bool(inputs)),
+        model_clock(flat),
     )
     with whole_file(file) as temporary:
         temporary.write_text(project_text(draft), encoding="utf-8")

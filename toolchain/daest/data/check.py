@@ -11,8 +11,9 @@ import numpy as np
 from daest.data.faults import Samples, Series, absurd, clock_findings, column_findings, pair_findings
 from daest.data.limits import DATA
 from daest.data.read import find_time
-from daest.data.table import Table, column_unit, in_seconds, unit_findings
+from daest.data.table import Column, Table, column_unit, in_seconds, unit_findings
 from daest.model.experiment import ColumnSummary, DataCheck, Experiment, Finding, Role
+from daest.quantities import converts
 
 ANGLES = {"rad": 2.0 * np.pi, "deg": 360.0, "°": 360.0, "rev": 1.0}  # units of one turn
 
@@ -26,15 +27,20 @@ class _Column:
 
 
 def check_table(
-    table: Table, roles: Mapping[str, Role] | None = None, time: str | None = None, clock: str = "s"
+    table: Table,
+    roles: Mapping[str, Role] | None = None,
+    time: str | None = None,
+    clock: str = "s",
+    units: Mapping[str, str] | None = None,
 ) -> DataCheck:
     """All columns of numbers in a file. `roles` says which columns (by name) are an input or an output of a
-    model; `time` names the column of the time. Raises DataError where there is no time."""
+    model, and `units` in what the model has them; `time` names the column of the time. Raises DataError where
+    there is no time."""
     time_column = find_time(table, time)
     seconds = in_seconds(time_column)
-    roles = roles or {}
+    roles, units = roles or {}, units or {}
     columns = [
-        _Column(c.name, column_unit(c) or None, roles.get(c.name), c.values)
+        _Column(c.name, _unit(c, units.get(c.name)), roles.get(c.name), c.values)
         for c in table.columns
         if c.name and c.name != time_column.name and len(c.texts) < c.values.size
     ]
@@ -44,6 +50,14 @@ def check_table(
         if c.texts and c.name != time_column.name and (len(c.texts) < c.values.size or c.name in roles)
     ]
     return _checked(Path(table.file).stem, seconds, columns, [*unit_findings(time_column), *texts], clock)
+
+
+def _unit(column: Column, of_model: str | None) -> str | None:
+    """The unit of a column; none that its name ends with where the model has another kind of quantity: a
+    temperature `T_in` is in no inches."""
+    unit = column_unit(column)
+    is_ending = column.unit is None and of_model is not None
+    return None if is_ending and not converts(unit, of_model or "") else unit or None
 
 
 def check_experiment(experiment: Experiment, clock: str = "s") -> DataCheck:

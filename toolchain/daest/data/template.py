@@ -37,6 +37,7 @@ class Draft:
     chosen: frozenset[str] = frozenset()  # parameters of which the file says more than the model
     proposed: tuple[str, ...] = ()  # parameters that are estimated because the model marks none
     split: float | None = 0.5
+    clock: str = "s"  # in what the model counts time
 
 
 def project_text(draft: Draft) -> str:
@@ -75,7 +76,7 @@ def _data(draft: Draft) -> Iterator[str]:
     if draft.time is not None:
         how = "name" if is_called_time(draft.time) else "values"
         yield f"time = {_text(draft.time)}  # found by its {how}: please check"
-    yield "# from, to [s], resample [s], detrend (none, mean, linear)"
+    yield f"# from, to [{draft.clock}], resample [{draft.clock}], detrend (none, mean, linear)"
     yield "# hold (zoh, foh, smooth, zoh(NAME, ...)): inputs between their samples"
     yield from _mapping("inputs", draft.inputs)
     yield from _mapping("outputs", draft.outputs)

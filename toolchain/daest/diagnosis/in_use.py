@@ -13,7 +13,14 @@ from daest.diagnosis.null import grown
 from daest.diagnosis.open_loop import ITERATIONS as IN_USE
 from daest.diagnosis.open_loop import fitted_in_use, is_far_behind, rivals_in_use, speaks_for
 from daest.diagnosis.pieces import told_of_whole
-from daest.diagnosis.proof import Reference, Searched, by_simulation, has_lost_its_way, used_by
+from daest.diagnosis.proof import (
+    Reference,
+    Searched,
+    by_simulation,
+    has_lost_its_way,
+    simulated_at,
+    used_by,
+)
 from daest.diagnosis.reasons import not_determined, too_wide
 from daest.diagnosis.search import Search, as_prepared, at_other_places, end_of_search, likeliest_judged
 from daest.diagnosis.settled import FAILURES
@@ -66,6 +73,18 @@ def shown_in_use(
         return beside
     shown = replace(shown, equivalent=tuple(other.trial.candidate.site.name for other, _ in others))
     return shown if search.pieces is None else told_of_whole(search.stand, shown)
+
+
+def with_simulation(stand: Stand, prepared: Prepared, proof: Proof) -> Proof:
+    """The proof with what its simulation says at its estimates without loads, which may be fitted to
+    predictions: those were taken since they simulate no worse."""
+    if stand.reference is None or proof.final is None:
+        return proof
+    candidate = proof.candidate
+    null = replace(stand.null, experiments=fed(stand.null.experiments, candidate))
+    validation = fed(stand.validation, candidate)
+    used = simulated_at(null, prepared, proof.final, validation, stand.reference)
+    return replace(proof, in_use=used)
 
 
 @dataclass(frozen=True)

@@ -740,8 +740,17 @@ def used_by(
     validation: Sequence[Experiment],
     reference: Reference,
 ) -> InUse:
-    """What the simulation says of the law at its estimates without loads."""
-    if final is None or final.method != "oe" or reference.simulated is None:
+    """What the simulation says of the law at its estimates without loads, where these are fitted to it."""
+    if final is None or final.method != "oe":
+        return InUse()
+    return simulated_at(null, prepared, final, validation, reference)
+
+
+def simulated_at(
+    null: Null, prepared: Prepared, final: FitResult, validation: Sequence[Experiment], reference: Reference
+) -> InUse:
+    """What the simulation says of the law at any estimates without loads."""
+    if reference.simulated is None:
         return InUse()
     flat = prepared.flat.with_theta(final.theta)
     model = grown(null, flat, replace(prepared.reduced(), flat=flat), final, null.experiments)

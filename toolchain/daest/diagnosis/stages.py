@@ -14,7 +14,13 @@ import numpy as np
 from daest.diagnosis.ahead import ONE_COMPILATION, compilations
 from daest.diagnosis.attempts import proof_by_attempts
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.in_use import InOpenLoop, proof_in_open_loop, shown_in_use, tried_in_open_loop
+from daest.diagnosis.in_use import (
+    InOpenLoop,
+    proof_in_open_loop,
+    shown_in_use,
+    tried_in_open_loop,
+    with_simulation,
+)
 from daest.diagnosis.late_signals import is_late
 from daest.diagnosis.null import Null
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
@@ -346,6 +352,19 @@ class Stages:
             for one in found
             if all(one is not law for law in storing) or not any(_says_as_much(lag, one) for lag in short)
         ]
+
+    def with_simulations(self, proofs: Sequence[Proof]) -> list[Proof]:
+        """All laws; where one is accepted for what its simulation gains, the other accepted ones with what
+        theirs does: what is gained beside loads is no measure of it, and of two laws that are the same
+        equation here the one that was refitted beside them had lost by far."""
+        accepted = [p for p in proofs if p.verdict != "rejected"]
+        untold = [p for p in accepted if not p.in_use.n_independent]
+        if not untold or not any(p.is_by_use for p in accepted) or self.options.is_over:
+            return list(proofs)
+        stand = self.search.stand
+        tasks = [partial(with_simulation, stand, _as_refitted(stand.null, p), p) for p in untold]
+        found = {p.candidate.name: p for p in self.proved((), proofs, tasks)[1] if p is not None}
+        return [found.get(p.candidate.name, p) for p in proofs]
 
     def steadied(self, proofs: Sequence[Proof]) -> list[Proof]:
         """All laws; those that are not separable with the errors of unseen data beside constant loads, by

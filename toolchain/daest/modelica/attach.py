@@ -29,6 +29,7 @@ from daest.modelica.meshes import Mesh, meshes
 from daest.modelica.place_units import balance_entry, units_at
 from daest.modelica.sites import connection_sets, fits
 from daest.modelica.terminals import terminals
+from daest.modelica.text import times_text
 from daest.modelica.values import column
 from daest.near import did_you_mean
 from daest.quantities import Conversion
@@ -507,11 +508,10 @@ class _Assembly:
         else:
             source, source_symbol = place.source
             old = self.equations[place.row]
-            text = _renamed(old.text, source, f"({source} - {voltage})")
+            text = _renamed(old.text, source, place.lowered(source, voltage))
             self.equations[place.row] = replace(old, text=text)
-            self.residual[place.row] = ca.substitute(
-                self.residual[place.row], source_symbol, source_symbol - symbol
-            )
+            lowered = source_symbol - place.per_drop * symbol
+            self.residual[place.row] = ca.substitute(self.residual[place.row], source_symbol, lowered)
         current = place.current_text(self.flat, voltage) or place.flow_name(self.flat)
         self._tie(*member.local(first, 1), current, place.current(self.flat, symbol))
         self._tie(*member.local(second, 0), "0", ca.SX(0.0))
@@ -520,8 +520,9 @@ class _Assembly:
         """The voltage over the effect becomes a term of an output, its current is the input's."""
         place = self._found({one.name(self.flat): one for one in terminals(self.flat)}, name)
         first, second = member.effect.connectors
-        self.results[place.output] += place.sign * member.local(first, 0)[1]
-        self._tie(*member.local(first, 1), place.current_name(self.flat), self.u[place.current])
+        self.results[place.output] += place.sign * place.per_drop * member.local(first, 0)[1]
+        current = times_text(place.per_flow, place.current_name(self.flat))
+        self._tie(*member.local(first, 1), current, place.per_flow * self.u[place.current])
         self._tie(*member.local(second, 0), "0", ca.SX(0.0))
 
     def _add_term(self, entry: Entry, name: str, symbol: ca.SX) -> None:

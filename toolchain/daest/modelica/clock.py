@@ -68,12 +68,12 @@ def _has_longer_unit(flat: FlatModel) -> bool:
 def _of_parameters(flat: FlatModel) -> list[float]:
     """The seconds in the hour or day that the parameters which are a rate or a time count in; none where a
     unit of the model has time in it in another way, as W has. Minutes tell nothing: speeds are in 1/min."""
-    put_in = _put_in(flat)
+    named = put_in(flat)
     own = [
         x.unit
         for part in (flat.unknowns, flat.inputs, flat.parameters)
         for x in part
-        if x.name.partition(".")[0] not in put_in
+        if x.name.partition(".")[0] not in named
     ]
     timed = [unit for unit in own if "[time]" in (dimensions(unit) or {})]
     symbols = {symbol for unit in timed for symbol in _LONGER & set(parse_unit(unit))}
@@ -98,9 +98,9 @@ def _told(
 
 def _own_units(flat: FlatModel) -> list[str]:
     """The units of the unknowns and inputs; none of those that were put in."""
-    put_in = _put_in(flat)
+    named = put_in(flat)
     known = [*flat.unknowns, *flat.inputs]
-    return ["" if x.name.partition(".")[0] in put_in else x.unit for x in known]
+    return ["" if x.name.partition(".")[0] in named else x.unit for x in known]
 
 
 def _is_of_known_units(units: Sequence[str], flat: FlatModel, factors: ca.SX) -> bool:
@@ -110,9 +110,10 @@ def _is_of_known_units(units: Sequence[str], flat: FlatModel, factors: ca.SX) ->
     return not ca.depends_on(factors, ca.vertcat(flat.derivatives, flat.w, flat.time, *untold))
 
 
-def _put_in(flat: FlatModel) -> frozenset[str]:
+def put_in(flat: FlatModel) -> frozenset[str]:
     """The loads and effects that were put into a model, by the first part of their names."""
-    return flat.attached.union(e.origin for e in flat.equations if e.origin in flat.unknown_names)
+    names = frozenset(flat.unknown_names)
+    return flat.attached.union(e.origin for e in flat.equations if e.origin in names)
 
 
 def _seconds(

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from daest.model.effects import Site
+from daest.model.effects import Site, SiteKind
 from daest.model.flat import FlatModel
 
 EACH = "each "  # begins the name of the places together
@@ -20,18 +21,44 @@ _SUBSCRIPTS = re.compile(r"\[([\d, ]+)\]")
 _NUMBERED = re.compile(r"^([A-Za-z_]\w*?)(\d+)(?=\.|$)")  # a component and its number
 _ROW = re.compile(r"^\d+:")  # before the name of a balance
 _LETTERS = "ijklmn"
+_Group = dict[tuple[SiteKind, str], Site]  # places by kind and name, each as the group calls it
 _FURTHEST = 1  # elements between which something is exchanged: neighbours
 
 
 def equal_places(flat: FlatModel, places: Sequence[Site]) -> list[Site]:
     """One place for all of `places` that differ in the subscripts of their names alone, or in the number
-    behind the name of a component where the components have the same equations and values."""
-    contents, groups = _Contents(flat), dict[object, list[Site]]()
+    behind the name of a component where the components have the same equations and values. A node is called
+    by the first connector of many, in one part `wagon[1].a` and in the next one `wagon[2].b`: all of its
+    connectors are its names here."""
+    contents, groups = _Contents(flat), dict[object, _Group]()
     for site in places:
-        key = _likeness(site) or _likeness_by_number(site, contents)
-        if key is not None:
-            groups.setdefault(key, []).append(site)
-    return [_together(group) for group in groups.values() if len(group) > 1]
+        for called in _by_all_names(site):
+            key = _likeness(called) or _likeness_by_number(site, called, contents)
+            if key is not None:
+                groups.setdefault(key, {}).setdefault((site.kind, site.name), called)
+    own = {(site.kind, site.name): site for site in places}
+    return [_together(group, [own[key] for key in group]) for group in _whole(list(groups.values()))]
+
+
+def _by_all_names(site: Site) -> list[Site]:
+    """The place under its name, and a node under those of its other connectors besides."""
+    others = site.connectors if site.kind == "node" else ()
+    return [site, *(replace(site, name=name) for name in others if name != site.name)]
+
+
+def _whole(groups: Sequence[_Group]) -> list[_Group]:
+    """The groups of several places that are in no larger one; of those with the same places the one that
+    calls most of them by their own names, the first of several."""
+    best: dict[frozenset[tuple[SiteKind, str]], _Group] = {}
+    for group in groups:
+        known = best.get(frozenset(group))
+        if len(group) > 1 and (known is None or _n_own_names(group) > _n_own_names(known)):
+            best[frozenset(group)] = group
+    return [group for places, group in best.items() if not any(places < other for other in best)]
+
+
+def _n_own_names(group: _Group) -> int:
+    return sum(name == called.name for (_, name), called in group.items())
 
 
 def _likeness(site: Site) -> tuple[object, ...] | None:
@@ -60,9 +87,12 @@ def _without_number(part: str) -> str:
     return _NUMBERED.sub(r"\1#", part)
 
 
-def _likeness_by_number(site: Site, contents: _Contents) -> tuple[object, ...] | None:
-    """The same of places at components whose names end in numbers; None for others."""
-    parts = site.name.split(", ")
+def _likeness_by_number(site: Site, called: Site, contents: _Contents) -> tuple[object, ...] | None:
+    """The same of places at components whose names end in numbers; None for others, and for a node by the
+    connector of another component than it is called by: what else hangs there may be equal without it."""
+    if called.name.partition(".")[0] != site.name.partition(".")[0]:
+        return None
+    parts = called.name.split(", ")
     numbers = {found[2] for part in parts if (found := _NUMBERED.search(part))}
     if site.kind not in _KINDS or not site.connectors or len(numbers) != 1:
         return None
@@ -97,16 +127,16 @@ class _Contents:
         )
 
 
-def _together(group: Sequence[Site]) -> Site:
-    """The places of a group as one."""
-    first = group[0]
+def _together(group: _Group, places: Sequence[Site]) -> Site:
+    """The `places` of a group, called as in that, as one."""
+    first = next(iter(group.values()))
     return Site(
         name=EACH + _pattern(first),
         kind="each",
         domain=first.domain,
         aliases=(_pattern(first),),
-        is_grounded=all(site.is_grounded for site in group),
-        parts=tuple(group),
+        is_grounded=all(site.is_grounded for site in places),
+        parts=tuple(places),
     )
 
 

@@ -52,7 +52,7 @@ from daest.modelica.place_units import units_at
 from daest.modelica.sites import sites
 from daest.modelica.source import read_source, select_class
 from daest.modelica.terminals import terminals
-from daest.modelica.text import number_text
+from daest.modelica.text import number_text, times_text
 
 __all__ = ["CurveText", "Extension", "extend_by_curve", "extend_model"]
 
@@ -656,8 +656,9 @@ def _at_terminal(draft: _Draft, placement: Placement, original: _Original) -> _O
         raise original.refusal(f"the output `{output}` is connected", "Give it by an equation.")
     term = free_name(f"{current}_term", names_of(original.flat))
     about = f"In series with {current} at {output}"
-    draft.declarations.append(f'Daest.Terms.Voltage {term}(i = {current}, is_used = true) "{about}";')
-    draft.changes.append(f"{output} = ({bound}) {'+' if place.sign > 0 else '-'} {term}.total")
+    flow, drop = times_text(place.per_flow, current), times_text(place.per_drop, f"{term}.total")
+    draft.declarations.append(f'Daest.Terms.Voltage {term}(i = {flow}, is_used = true) "{about}";')
+    draft.changes.append(f"{output} = ({bound}) {'+' if place.sign > 0 else '-'} {drop}")
     for own, pin in zip(placement.effect.connectors, ("p", "n"), strict=True):
         draft.connect(f"{placement.name}.{own}", f"{term}.{pin}")
     return original

@@ -4,7 +4,7 @@ pressures along a pipe with one flow, `L*der(q) = p - R*q`."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import casadi as ca
@@ -14,9 +14,10 @@ from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.modelica.balances import own_laws, slopes_near_start
 from daest.modelica.factors import ONE, are_same, given_value, is_of_parameters, sum_around, variables_text
-from daest.modelica.place_units import has_drop, has_unit, is_of_heads, parts_divided_by
+from daest.modelica.place_units import has_drop, has_unit, is_of_heads, parts_divided_by, scale_of_drops
 from daest.modelica.terminals import CURRENT, VOLTAGE
-from daest.quantities import is_of
+from daest.modelica.text import times_text
+from daest.quantities import conversion, in_base_units, is_of
 
 _RESISTANCE = "Ohm"
 UNITS: dict[Domain, tuple[str, str]] = {  # of what drops along the path, and of what flows
@@ -41,7 +42,8 @@ class Mesh:
     enters the residual where the terms are voltages. Where they are currents or rates, the voltage is taken
     off the `source`, a voltage of the row: its name and its symbol; where several stand there, the `factor`
     is what the voltage is multiplied by. In the hydraulic domain read pressure, or head, and flow for voltage
-    and current."""
+    and current. One V is `per_drop` of the unit of the source, and one of the unit of the current `per_flow`
+    A: effects are in V and A whatever the equation is in, as the `factor` of its terms is told, too."""
 
     domain: Domain
     row: int
@@ -49,6 +51,8 @@ class Mesh:
     sign: float
     source: tuple[str, ca.SX] | None = None
     factor: ca.SX = ONE
+    per_drop: float = 1.0
+    per_flow: float = 1.0
 
     def name(self, flat: FlatModel) -> str:
         return f"{self.row}:{self.flow_name(flat)}"
@@ -64,18 +68,23 @@ class Mesh:
         return flat.unknowns[self.flow].name if isinstance(self.flow, int) else self.flow.source[0]
 
     def current(self, flat: FlatModel, drop: ca.SX) -> ca.SX:
-        """The current while the voltage `drop` is taken off the source."""
+        """The current [A] while the voltage `drop` [V] is taken off the source."""
         if isinstance(self.flow, int):
-            return flat.xi[self.flow]
+            return self.per_flow * flat.xi[self.flow]
         _, symbol = self.flow.source
-        return ca.substitute(self.flow.current, symbol, symbol - drop)
+        return self.per_flow * ca.substitute(self.flow.current, symbol, symbol - self.per_drop * drop)
 
     def current_text(self, flat: FlatModel, drop: str) -> str | None:
         """The same as Modelica writes it; None where it has no text."""
         if isinstance(self.flow, int):
-            return flat.unknowns[self.flow].name
+            return times_text(self.per_flow, flat.unknowns[self.flow].name)
         name, _ = self.flow.source
-        return variables_text(self.flow.current, flat, {name: f"({name} - {drop})"})
+        written = variables_text(self.flow.current, flat, {name: self.lowered(name, drop)})
+        return None if written is None else times_text(self.per_flow, written)
+
+    def lowered(self, source: str, drop: str) -> str:
+        """The text of a source from which a voltage is taken."""
+        return f"({source} - {times_text(self.per_drop, drop)})"
 
 
 def meshes(flat: FlatModel) -> list[Mesh]:
@@ -95,7 +104,33 @@ def meshes(flat: FlatModel) -> list[Mesh]:
     slopes = slopes_near_start(flat)
     found = [_mesh(flat, slopes, row, domain, k) for row in rows for domain, k in currents]
     found += [_written_out(flat, row, k) for row in rows for k in resistances]
-    return [mesh for mesh in found if mesh is not None]
+    return [_in_units(flat, mesh) for mesh in found if mesh is not None]
+
+
+def _in_units(flat: FlatModel, mesh: Mesh) -> Mesh:
+    """The mesh with what its units are in those of effects: of mA and kOhm, or l/min and bar."""
+    per_drop = 1.0 if mesh.source is None else _per_drop(flat, mesh.source[0])
+    if not isinstance(mesh.flow, int):
+        resistance = flat.parameters[flat.parameter_names.index(mesh.flow.resistance)].unit
+        per_flow = _rounded(1.0 / (per_drop * in_base_units(resistance)))
+        return replace(mesh, per_drop=per_drop, per_flow=per_flow)
+    unit = UNITS[mesh.domain][1]
+    per_flow = _rounded(conversion(flat.unknowns[mesh.flow].unit, unit).scale)
+    if mesh.source is not None:
+        return replace(mesh, per_drop=per_drop, per_flow=per_flow)
+    scale = scale_of_drops(flat, mesh.row, mesh.flow, 1.0 / mesh.factor)
+    return replace(mesh, factor=ca.simplify(mesh.factor / scale), per_flow=per_flow)
+
+
+def _per_drop(flat: FlatModel, name: str) -> float:
+    """How many of the unit of a voltage one V is."""
+    unit = next(v.unit for v in (*flat.inputs, *flat.unknowns) if v.name == name)
+    return _rounded(1.0 / in_base_units(unit))
+
+
+def _rounded(value: float) -> float:
+    """Without what rounding has left of a power of ten."""
+    return float(f"{value:.12g}")
 
 
 def _mesh(flat: FlatModel, slopes: np.ndarray, row: int, domain: Domain, current: int) -> Mesh | None:

@@ -146,7 +146,7 @@ def opened_mesh(source: bytes, flat: FlatModel, mesh: Mesh, taken: Iterable[str]
     uses = _uses([*row.left, *row.right], voltage, -1)
     if not uses:
         raise NotOpened(f"does not name `{voltage}`, from which the voltage would be taken")
-    edits = [Edit(w.start, w.end, f"({voltage} - {name}.{_TOTAL})") for w in uses]
+    edits = [Edit(w.start, w.end, mesh.lowered(voltage, f"{name}.{_TOTAL}")) for w in uses]
     return edited(source, [*edits, _declared(source, row.words, term.line)]), name
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from daest.model.effects import Domain, Effect, EffectParameter, Site
 from daest.model.flat import FlatModel
 from daest.modelica.balances import DOMAINS, Balance, balances, base_unit, is_length
-from daest.modelica.clock import clock_unit, in_clock
+from daest.modelica.clock import clock_unit, in_clock, put_in
 from daest.modelica.connectors import FLOWS, LEVEL, MASS_FLOW, connectors_of
 from daest.modelica.factors import ONE, Entry, are_same, divisors, factors, given_value, is_of_parameters
 from daest.modelica.other_units import SCALES, in_other_units, power_of
@@ -212,11 +212,12 @@ def _has_flow_of_other_scale(flat: FlatModel, balance: Balance, unit: str) -> bo
 
 def _flows(flat: FlatModel, unit: str) -> Iterator[tuple[ca.SX, float]]:
     """The unknowns and inputs that convert to `unit`, each with the scale of its own unit; not those of
-    effects that were put in, which were told their factor themselves."""
+    loads and effects that were put in, which were told their factor themselves."""
+    others = put_in(flat)
     known = [*zip(flat.unknowns, ca.vertsplit(flat.xi), strict=True)]
     known += zip(flat.inputs, ca.vertsplit(flat.u) if flat.u.numel() else [], strict=True)
     for variable, symbol in known:
-        is_own = variable.name.partition(".")[0] not in flat.attached
+        is_own = variable.name.partition(".")[0] not in others
         if is_own and is_of(variable.unit, unit):
             yield symbol, conversion(variable.unit, unit).scale
 
@@ -245,6 +246,22 @@ def has_drop(flat: FlatModel, row: int, flow: int, drop: str, unit: str, times: 
         if _in_units(flat, _slope(flat, row, at))({}) and _slope_has(flat, row, at, need, times):
             return True
     return False
+
+
+def scale_of_drops(flat: FlatModel, row: int, flow: int, times: ca.SX = ONE) -> float:
+    """How many V one of the terms of an equation along a path of the unknown `flow` is, `times` what they are
+    divided by, as the factor of the flow or of its rate tells: 1000 in `u = R*i` with R in kOhm and i in A.
+    1 where both move or hold a number that may be a conversion."""
+    per_time = in_base_units(clock_unit(flat))
+    for at, time in ((flat.n + flow, per_time), (flow, 1.0)):
+        factor = ca.simplify(times * _slope(flat, row, at))
+        if not is_of_parameters(flat, factor):
+            continue
+        value = ca.Function("value", [flat.theta], [factor])
+        if abs(float(value(np.ones(flat.theta.numel())))) == 1.0:
+            size = abs(float(value([in_base_units(p.unit) for p in flat.parameters])))
+            return float(f"{size * in_base_units(flat.unknowns[flow].unit) / time:.12g}")
+    return 1.0
 
 
 def is_of_heads(flat: FlatModel, row: int, flow: int, times: ca.SX = ONE) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from daest.model.flat import FlatModel
 from daest.modelica.factors import given_value, is_of_parameters
-from daest.quantities import is_of
+from daest.quantities import conversion, is_of
 
 CURRENT, VOLTAGE = "A", "V"
 _SEED, _POINTS, _DECADES = 20040101, 20, 6.0  # at which other variables change a resistance
@@ -20,11 +20,14 @@ _CONSTANT_PART = 0.01  # share of a resistance that is left whatever the size of
 @dataclass(frozen=True)
 class Terminal:
     """Output `output` is the voltage at which input `current` flows; `sign` is the factor with which the
-    voltage over what is in series enters it."""
+    voltage over what is in series enters it. One V is `per_drop` of the unit of the output, and one of that
+    of the input `per_flow` A."""
 
     output: int
     current: int
     sign: float
+    per_drop: float = 1.0
+    per_flow: float = 1.0
 
     def name(self, flat: FlatModel) -> str:
         return f"{flat.outputs[self.output].name}:{self.current_name(flat)}"
@@ -46,7 +49,11 @@ def _terminal(flat: FlatModel, output: int, current: int) -> Terminal | None:
     slope = ca.jacobian(_solved(flat, output), flat.u[current])
     constant = is_of_parameters(flat, slope)
     sign = np.sign(given_value(flat, slope)) if constant else _sign(flat, slope)
-    return Terminal(output, current, float(sign)) if sign else None
+    if not sign:
+        return None
+    per_drop = conversion(VOLTAGE, flat.outputs[output].unit).scale
+    per_flow = conversion(flat.inputs[current].unit, CURRENT).scale
+    return Terminal(output, current, float(sign), per_drop, per_flow)
 
 
 def _sign(flat: FlatModel, slope: ca.SX) -> float:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 from daest.modelica import syntax as s
+
+_VARIABLE = re.compile(r"[A-Za-z_][\w.\[\]]*")
 
 _PRECEDENCE = {
     "or": 1,
@@ -44,6 +48,18 @@ def number_text(value: float | int | bool | str) -> str:
     if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
         return str(int(value))
     return f"{value:.15g}" if float(f"{value:.15g}") == value else repr(value)
+
+
+def times_text(factor: float, text: str) -> str:
+    """A text times a number, which is left out where it is 1.
+
+    >>> times_text(1.0, "i"), times_text(0.001, "i"), times_text(0.001, "u/R")
+    ('i', '0.001*i', '0.001*(u/R)')
+    """
+    if factor == 1.0:
+        return text
+    shown = text if _VARIABLE.fullmatch(text) else f"({text})"
+    return f"{number_text(factor)}*{shown}"
 
 
 def _print(node: s.Node) -> tuple[str, int]:
