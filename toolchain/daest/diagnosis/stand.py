@@ -23,7 +23,7 @@ from daest.diagnosis.proof import Reference, bic_gain
 from daest.diagnosis.settled import FAILURES, better_of, fit_by_simulation, settled
 from daest.diagnosis.unseen import adds_up, foreseen, steady_outputs
 from daest.errors import EstimationError
-from daest.estimation.identify import identify, tied_parameters
+from daest.estimation.identify import absorbed_parameters, identify, tied_parameters
 from daest.estimation.records import part_of
 from daest.estimation.signals import is_constant
 from daest.model.diagnosis import Diagnosis, Proof, VerdictName
@@ -42,7 +42,7 @@ class Stand:
     effects that were accepted so far), the null's fit on the same terms as those of its rivals (`baseline`),
     the one without coloured loads (`reference`), and the validation data, with those for the other hold where
     they differ. Of every set of parameters in `tied`, which can change together without any effect on the
-    outputs, the first is held."""
+    outputs, the first is held; of one name, that a free initial state makes up for, it is."""
 
     declared: FlatModel
     null: Null
@@ -116,15 +116,27 @@ def _scaled(
     flat: FlatModel, experiments: Sequence[Experiment]
 ) -> tuple[FlatModel, tuple[tuple[str, ...], ...]]:
     """The model with one parameter held of each set of them that can change together without any effect on
-    the outputs, and these sets: a torque constant with all torques, say. Loads would let such a scale go
+    the outputs, and those that free initial states make up for; and these sets: a torque constant with all torques, say. Loads would let such a scale go
     anywhere, and no size would be known. The one that the data know least is let pass its bounds: at another
     scale than the machine's a small friction beside that of the motor's voltage may have to be below zero."""
-    tied: list[tuple[str, ...]] = []
+    tied = [(name,) for name in _absorbed(flat, experiments)]
+    flat = replace(
+        flat,
+        parameters=tuple(replace(p, estimate=p.estimate and (p.name,) not in tied) for p in flat.parameters),
+    )
     while together := _changing_together(flat, experiments):
         tied.append(together)
         held, *_, least = together
         flat = replace(flat, parameters=tuple(_at_scale(p, held, least) for p in flat.parameters))
     return flat, tuple(tied)
+
+
+def _absorbed(flat: FlatModel, experiments: Sequence[Experiment]) -> tuple[str, ...]:
+    """Estimated parameters that do nothing but what free initial states do, at the given values and beside
+    them."""
+    absorbed = absorbed_parameters(flat, experiments, FOH)
+    beside = absorbed_parameters(moved_apart(flat), experiments, FOH) if absorbed else ()
+    return tuple(name for name in absorbed if name in beside)
 
 
 def _at_scale(parameter: Parameter, held: str, least: str) -> Parameter:
@@ -297,12 +309,17 @@ def told_whole(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> Diagn
 def held_told(stand: Stand) -> str:
     """Which parameters were held, since others do all that they do; empty where none was."""
     values = {p.name: p.value for p in stand.declared.parameters}
-    told = "; ".join(
-        f"{', '.join(names)} can change together without any effect on the measured outputs: {names[0]} was "
-        f"held at {values[names[0]]:.4g}, and sizes may be in proportion to it (--fix one that is known)"
-        for names in stand.tied
-    )
+    told = "; ".join(_held_one_told(names, values[names[0]]) for names in stand.tied)
     return f"{told}." if told else ""
+
+
+def _held_one_told(names: Sequence[str], value: float) -> str:
+    if len(names) == 1:
+        return f"Free initial states do all that {names[0]} does: it was held at {value:.4g}"
+    return (
+        f"{', '.join(names)} can change together without any effect on the measured outputs: {names[0]} was "
+        f"held at {value:.4g}, and sizes may be in proportion to it (--fix one that is known)"
+    )
 
 
 def _beside_limits(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> Diagnosis:
