@@ -3,7 +3,7 @@ loads at the places where the model admits them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
@@ -12,12 +12,13 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import LoadPlace, load_places, with_loads
-from daest.errors import EstimationError
+from daest.errors import DaestError, EstimationError
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.gates import FIT
 from daest.estimation.hold_search import are_steps, moving_inputs, possible_holds, ranked_holds
 from daest.estimation.identify import identify
 from daest.estimation.identify_nonlinear import Refit, WarmStart, search_on
+from daest.estimation.records import longest_duration
 from daest.model.diagnosis import Load
 from daest.model.effects import Site
 from daest.model.experiment import Experiment
@@ -28,6 +29,7 @@ from daest.model.parts import Parameter, Prior
 from daest.systems.input_slopes import acting_slopes
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
+from daest.systems.state_space import family_along, state_space
 
 FIRST_LOAD = 20.0  # sampling periods, start of the search
 FASTER_LOAD = 2.1  # and of a second one, where the model is not linear: hardly more than white noise
@@ -136,14 +138,23 @@ def fit_null(
     times = tuple(place.time_constant for place in places)
     fits: dict[Hold, FitResult] = {}
 
+    def driving_by(one: Hold) -> tuple[Sequence[Experiment], Hold]:
+        return (experiments, one) if held is None else (as_recorded(experiments, held, one), FOH)
+
+    is_known = False
+    if not near and not is_affine and falls_over(explicit, experiments):
+        asked, near = _upright(flat, {one: driving_by(one) for one in asked})
+        is_known = bool(near)
+
     def likelihood(one: Hold) -> float:
-        driving = (experiments, one) if held is None else (as_recorded(experiments, held, one), FOH)
+        driving = driving_by(one)
         # The holds differ by half a sample: the second search begins where the first one has ended.
         led = known_values(max(fits.values(), key=lambda fit: fit.log_likelihood, default=None))
-        fits[one] = _loaded_fit(loaded, times, *driving, slowest, is_affine, near or led)
+        begun = _Begun(near or led, is_known)
+        fits[one] = _loaded_fit(loaded, times, *driving, slowest, is_affine, begun)
         alone = {} if near else _near_values_alone(flat, *driving, fits[one])
         if alone:
-            afresh = _loaded_fit(loaded, times, *driving, slowest, is_affine, alone)
+            afresh = _loaded_fit(loaded, times, *driving, slowest, is_affine, _Begun(alone))
             fits[one] = max(fits[one], afresh, key=lambda fit: fit.log_likelihood)
         return fits[one].log_likelihood
 
@@ -166,6 +177,12 @@ def are_driven_off(found: Mapping[str, float], given: Mapping[str, float]) -> bo
     return any(not 1.0 / GATES.driven_off < one / value < GATES.driven_off for one, value in pairs)
 
 
+def are_elsewhere(one: Mapping[str, float], other: Mapping[str, float], names: Collection[str]) -> bool:
+    """Whether any of the parameters `names` is another one by far, in its size."""
+    pairs = [(one[n], other[n]) for n in names if n in one and n in other]
+    return any(a * b > 0.0 and abs(np.log(a / b)) > np.log(GATES.elsewhere) for a, b in pairs)
+
+
 def _near_values_alone(
     flat: FlatModel, experiments: Sequence[Experiment], hold: Hold, beside: FitResult
 ) -> dict[str, float]:
@@ -179,6 +196,45 @@ def _near_values_alone(
         values = known_values(identify(flat, experiments, IdentifyOptions(method="oe", hold=hold)))
         return {} if are_driven_off(values, given) else values
     return {}
+
+
+def falls_over(explicit: ExplicitModel, experiments: Sequence[Experiment]) -> bool:
+    """Whether the model, left alone at its values, goes so far from where it is within a record that no
+    simulation follows it: a pendulum that a controller holds upright."""
+    with suppress(DaestError):
+        family = family_along(explicit)
+        rates = np.linalg.eigvals(state_space(family, explicit.flat.theta_values).A)
+        return bool(np.max(rates.real, initial=0.0) * longest_duration(experiments) > GATES.falls_over)
+    return False
+
+
+def _upright(
+    flat: FlatModel, driven: Mapping[Hold, tuple[Sequence[Experiment], Hold]]
+) -> tuple[tuple[Hold, ...], dict[str, float]]:
+    """The holds of those that have `driven` the model that are not clearly refused by its simulation without
+    loads, and the parameters to which it leads with the likeliest; none where it came to no end. Loads hold
+    up what falls over whatever its parameters are: their likelihood has hills everywhere."""
+    fits: dict[Hold, FitResult] = {}
+    for one, (experiments, hold) in driven.items():
+        with suppress(EstimationError):
+            fits[one] = identify(flat, experiments, IdentifyOptions(method="oe", hold=hold))
+    if not fits:
+        return tuple(driven), {}
+    best = max(fits.values(), key=lambda fit: fit.log_likelihood)
+    least = best.log_likelihood - GATES.clear_hold_gain
+    values = known_values(best)
+    if not values:
+        return tuple(driven), {}
+    return tuple(one for one in driven if one not in fits or fits[one].log_likelihood > least), values
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """Where the search of a null begins, at other `values` than those of the user; `is_simulated`: at those to
+    which the simulation of the model without loads has led."""
+
+    values: Mapping[str, float]
+    is_simulated: bool = False
 
 
 def known_values(fit: FitResult | None) -> dict[str, float]:
@@ -366,14 +422,15 @@ def _loaded_fit(
     hold: Hold,
     slowest: float | None,
     is_affine: bool,
-    begun: Mapping[str, float],
+    begun: _Begun,
 ) -> FitResult:
     """The fit with the time constants `times` of the loads; where the start values are a point at which
     parameters do the same, as those of two equal tanks in a row do, from start values beside it. The
     search begins at the values `begun`, which tell nothing of what the user gave."""
-    if begun:
+    if begun.values:
         with suppress(EstimationError):
-            fit = _fit_from(_begun_at(loaded, times, begun), times, experiments, hold, slowest, is_affine)
+            there = _begun_at(loaded, times, begun.values)
+            fit = _fit_from(there, times, experiments, hold, slowest, is_affine, begun.is_simulated)
             given = {p.name: p.value for p in loaded.parameters}
             return replace(fit, parameters=tuple(replace(p, initial=given[p.name]) for p in fit.parameters))
     try:
@@ -431,7 +488,9 @@ def _fit_from(
     hold: Hold,
     slowest: float | None,
     is_affine: bool,
+    is_simulated: bool = False,
 ) -> FitResult:
+    """The fit from the values of the model; `is_simulated`: at which it simulates best without loads."""
     bounds = dict.fromkeys(times, _time_constants(experiments, slowest))
     physical = tuple(p.name for p in loaded.parameters if p.estimate)
     # What is missing colours the residuals: other starts would be tried in vain.
@@ -441,6 +500,8 @@ def _fit_from(
         fit = identify(loaded, experiments, options)
         if not is_affine:
             fit = _from_faster_loads(fit, loaded, experiments, options, times)
+        if is_simulated:
+            return fit
         return _from_simulation(fit, loaded, experiments, options, physical)
     except EstimationError as error:
         if not _is_about(error, times):

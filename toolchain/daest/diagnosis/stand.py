@@ -16,7 +16,17 @@ from scipy.linalg import LinAlgWarning
 from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import Null, as_recorded, at_fit, fit_null, known_values, moved_apart, refit
+from daest.diagnosis.null import (
+    Null,
+    are_elsewhere,
+    as_recorded,
+    at_fit,
+    falls_over,
+    fit_null,
+    known_values,
+    moved_apart,
+    refit,
+)
 from daest.diagnosis.open_loop import Simulated, simulated_errors
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import Reference, bic_gain
@@ -116,14 +126,13 @@ def _scaled(
     flat: FlatModel, experiments: Sequence[Experiment]
 ) -> tuple[FlatModel, tuple[tuple[str, ...], ...]]:
     """The model with one parameter held of each set of them that can change together without any effect on
-    the outputs, and those that free initial states make up for; and these sets: a torque constant with all torques, say. Loads would let such a scale go
-    anywhere, and no size would be known. The one that the data know least is let pass its bounds: at another
-    scale than the machine's a small friction beside that of the motor's voltage may have to be below zero."""
+    the outputs, and those that free initial states make up for; and these sets: a torque constant with all
+    torques, say. Loads would let such a scale go anywhere, and no size would be known. The one that the data
+    know least is let pass its bounds: at another scale than the machine's a small friction beside that of the
+    motor's voltage may have to be below zero."""
     tied = [(name,) for name in _absorbed(flat, experiments)]
-    flat = replace(
-        flat,
-        parameters=tuple(replace(p, estimate=p.estimate and (p.name,) not in tied) for p in flat.parameters),
-    )
+    parameters = (replace(p, estimate=p.estimate and (p.name,) not in tied) for p in flat.parameters)
+    flat = replace(flat, parameters=tuple(parameters))
     while together := _changing_together(flat, experiments):
         tied.append(together)
         held, *_, least = together
@@ -165,6 +174,8 @@ def _fitted(
     (`_simulated_better`)."""
     null = _begun_where_it_runs(lambda near: null_of(flat, near), flat, experiments)
     baseline, reference = _told_fits(null, unseen_by(null))
+    if baseline.log_likelihood > null.fit.log_likelihood + GATES.min_load_gain:
+        null = at_fit(null, baseline)
     null, baseline, reference = _not_astray(
         null, baseline, reference, lambda near: null_of(flat, near), unseen_by
     )
@@ -190,8 +201,11 @@ def _not_astray(
     astray. That of a pendulum ends where a load does what gravity does."""
     if reference is None or reference.fit.log_likelihood < null.fit.log_likelihood + GATES.min_load_gain:
         return null, baseline, reference
+    known = known_values(reference.fit)
+    if not known:
+        return null, baseline, reference
     with suppress(*FAILURES):
-        other = null_near(known_values(reference.fit))
+        other = null_near(known)
         if other.fit.log_likelihood > null.fit.log_likelihood:
             return other, *_told_fits(other, unseen_by(other))
     return null, baseline, reference
@@ -213,6 +227,9 @@ def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) 
         fit = identify(flat, null.experiments, IdentifyOptions(method="oe", hold=null.hold))
     except FAILURES:
         return None
+    is_held = falls_over(null.explicit, null.experiments)
+    if is_held and not are_elsewhere(fit.theta, null.fit.theta, null.estimated):
+        return None  # its simulation falls whatever its parameters are, but for that in segments
     if not _far_smaller(error_ratios(reference.fit.simulated, fit.simulated, "estimation")):
         return None
     fixed = flat.with_theta(fit.theta)
