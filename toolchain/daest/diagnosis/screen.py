@@ -127,6 +127,8 @@ def run_null(null: Null) -> NullObserver:
     is_whole = piece is experiment
     if not is_whole or _has_run_away(null, experiment.outputs - free.outputs, GATES.free_runaway):
         # What falls over in a simulation is held by an observer, and bends otherwise there.
+        if is_whole and not np.any(gain):
+            _, runs, _ = _followed(null, model, starts, _gain_before_falling(null, model, experiment, free))
         average = _average(null, experiment, runs[longest])
         whole = _whole_gain(null, average)
         gain, runs, errors = _followed(null, model, starts, whole)
@@ -152,6 +154,18 @@ def _simulated(
         except IntegrationError as error:
             failure = error
     raise failure
+
+
+def _gain_before_falling(
+    null: Null, model: Integrator, experiment: Experiment, free: Trajectory
+) -> np.ndarray:
+    """The stationary gain (n, n_y) of the model as it is along the simulation `free` until that runs away from
+    the experiment: where a pendulum hangs after its fall it needs no observer."""
+    spread = np.nanstd(experiment.outputs, axis=0)
+    away = np.abs(experiment.outputs - free.outputs) > GATES.free_runaway * spread
+    n_samples = max(int(np.argmax(np.any(away, axis=1))), 2)
+    piece, run = _simulated(null, model, part_of(experiment, 0, n_samples), free.states[0])
+    return _whole_gain(null, _average(null, piece, run))
 
 
 def _observed(
