@@ -10,13 +10,16 @@ from hidden_plants import some_effects
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.null import falls_over, with_noise
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screen import run_null
 from daest.diagnosis.stand import begin, halved
 from daest.errors import NumericalError
+from daest.estimation.records import part_of
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 from daest.numerics.statistics import whiteness_p_value
+from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate
 
 UPRIGHT = """model Upright
@@ -76,6 +79,25 @@ def test_observer_is_that_of_the_machine_where_it_was_held_and_not_where_it_fall
     fastest = np.max(np.linalg.eigvals(run.average.A).real)
     assert abs(fastest / (np.sqrt(1.5 / J + (D / J / 2.0) ** 2) - D / J / 2.0) - 1.0) < 0.05
     assert_white(run)
+
+
+def test_observer_beside_loads_of_next_to_nothing_is_made_where_the_machine_was_held():
+    """Averaged along its fall, the pendulum hangs most of the time, and needs no observer."""
+    null = begin(
+        compile_text(UPRIGHT.encode(), Path("Upright.mo")),
+        *halved((record(),), ()),
+        DiagnoseOptions(hold="zoh"),
+    ).null
+    run = run_null(with_noise(null, np.full(len(null.intensity), 1e-12), null.measurement_std))
+    assert np.any(run.gain)
+    assert_white(run)
+
+
+def test_only_what_falls_over_within_a_record_is_first_simulated_in_segments():
+    upright = reduce_index(compile_text(UPRIGHT.encode(), Path("Upright.mo")))
+    hanging = reduce_index(compile_text(UPRIGHT.replace("+ 1.5*", "- 1.5*").encode(), Path("Upright.mo")))
+    assert falls_over(upright, [record()]) and not falls_over(hanging, [record()])
+    assert not falls_over(upright, [part_of(record(), 0, 50)])
 
 
 MAGNET = """model Magnet
