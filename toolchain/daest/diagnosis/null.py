@@ -43,7 +43,8 @@ class Null:
     in log-likelihood; `other_experiments` are those for it where the experiments are coarser than the
     recordings, and their inputs straight lines either way. `recorded_hold` is that of the recordings, and
     `is_hold_given` whether the user says so. No time constant of a load is above `slowest` [s]; None: the
-    length of the record limits it."""
+    length of the record limits it. `alone` is the log-likelihood of the simulation in segments without loads
+    of a machine that falls over, -inf where it was not asked for."""
 
     flat: FlatModel
     explicit: ExplicitModel
@@ -58,6 +59,13 @@ class Null:
     recorded_hold: Hold | None = None
     slowest: float | None = None
     is_hold_given: bool = False
+    alone: float = -np.inf
+
+    @property
+    def is_likelier_alone(self) -> bool:
+        """Whether a simulation without loads is likelier than what is predicted beside them. What falls over
+        cannot be left alone by an observer: there loads of next to nothing do what initial states do."""
+        return self.alone >= self.fit.log_likelihood
 
     @property
     def estimated(self) -> tuple[str, ...]:
@@ -141,16 +149,17 @@ def fit_null(
     def driving_by(one: Hold) -> tuple[Sequence[Experiment], Hold]:
         return (experiments, one) if held is None else (as_recorded(experiments, held, one), FOH)
 
-    is_known = False
+    upright = None
     if not near and not is_affine and falls_over(explicit, experiments):
-        asked, near = _upright(flat, {one: driving_by(one) for one in asked})
-        is_known = bool(near)
+        upright = _upright(flat, {one: driving_by(one) for one in asked})
+    if upright is not None:
+        asked, near = upright.holds, known_values(upright.fit)
 
     def likelihood(one: Hold) -> float:
         driving = driving_by(one)
         # The holds differ by half a sample: the second search begins where the first one has ended.
         led = known_values(max(fits.values(), key=lambda fit: fit.log_likelihood, default=None))
-        begun = _Begun(near or led, is_known)
+        begun = _Begun(near or led, upright is not None)
         fits[one] = _loaded_fit(loaded, times, *driving, slowest, is_affine, begun)
         alone = {} if near else _near_values_alone(flat, *driving, fits[one])
         if alone:
@@ -164,6 +173,8 @@ def fit_null(
     others = [hold for hold in others if {best, hold} != {FOH, SMOOTH}] or others
     null = _at_estimate(loaded, fits[best], places, as_recorded(experiments, held, best))
     null = replace(null, recorded_hold=best, slowest=slowest)
+    if upright is not None:
+        null = replace(null, alone=upright.fit.log_likelihood)
     if not others:
         return null
     lead = fits[best].log_likelihood - fits[others[0]].log_likelihood
@@ -208,30 +219,35 @@ def falls_over(explicit: ExplicitModel, experiments: Sequence[Experiment]) -> bo
     return False
 
 
-def _upright(
-    flat: FlatModel, driven: Mapping[Hold, tuple[Sequence[Experiment], Hold]]
-) -> tuple[tuple[Hold, ...], dict[str, float]]:
-    """The holds of those that have `driven` the model that are not clearly refused by its simulation without
-    loads, and the parameters to which it leads with the likeliest; none where it came to no end. Loads hold
-    up what falls over whatever its parameters are: their likelihood has hills everywhere."""
+@dataclass(frozen=True)
+class _Upright:
+    """The `fit` by simulation in segments of a machine that falls over, and the `holds` that are not clearly
+    refused by it."""
+
+    fit: FitResult
+    holds: tuple[Hold, ...]
+
+
+def _upright(flat: FlatModel, driven: Mapping[Hold, tuple[Sequence[Experiment], Hold]]) -> _Upright | None:
+    """The simulation without loads of a machine that falls over, with the likeliest of the holds that have
+    `driven` it; None where it came to no end. Loads hold up what falls over whatever its parameters are:
+    their likelihood has hills everywhere."""
     fits: dict[Hold, FitResult] = {}
     for one, (experiments, hold) in driven.items():
         with suppress(EstimationError):
             fits[one] = identify(flat, experiments, IdentifyOptions(method="oe", hold=hold))
-    if not fits:
-        return tuple(driven), {}
-    best = max(fits.values(), key=lambda fit: fit.log_likelihood)
+    best = max(fits.values(), key=lambda fit: fit.log_likelihood, default=None)
+    if best is None or not known_values(best):
+        return None
     least = best.log_likelihood - GATES.clear_hold_gain
-    values = known_values(best)
-    if not values:
-        return tuple(driven), {}
-    return tuple(one for one in driven if one not in fits or fits[one].log_likelihood > least), values
+    refused = {one for one, fit in fits.items() if fit.log_likelihood <= least}
+    return _Upright(best, tuple(one for one in driven if one not in refused))
 
 
 @dataclass(frozen=True)
 class _Begun:
-    """Where the search of a null begins, at other `values` than those of the user; `is_simulated`: at those to
-    which the simulation of the model without loads has led."""
+    """Where the search of a null begins, at other `values` than those of the user; `is_simulated`: at those
+    to which the simulation of the model without loads has led."""
 
     values: Mapping[str, float]
     is_simulated: bool = False

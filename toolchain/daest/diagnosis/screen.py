@@ -159,8 +159,8 @@ def _simulated(
 def _gain_before_falling(
     null: Null, model: Integrator, experiment: Experiment, free: Trajectory
 ) -> np.ndarray:
-    """The stationary gain (n, n_y) of the model as it is along the simulation `free` until that runs away from
-    the experiment: where a pendulum hangs after its fall it needs no observer."""
+    """The stationary gain (n, n_y) of the model as it is along the simulation `free` until that runs away
+    from the experiment: where a pendulum hangs after its fall it needs no observer."""
     spread = np.nanstd(experiment.outputs, axis=0)
     away = np.abs(experiment.outputs - free.outputs) > GATES.free_runaway * spread
     n_samples = max(int(np.argmax(np.any(away, axis=1))), 2)
