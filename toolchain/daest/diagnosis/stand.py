@@ -130,7 +130,7 @@ def _scaled(
     torques, say. Loads would let such a scale go anywhere, and no size would be known. The one that the data
     know least is let pass its bounds: at another scale than the machine's a small friction beside that of the
     motor's voltage may have to be below zero."""
-    tied = [(name,) for name in _absorbed(flat, experiments)]
+    tied: list[tuple[str, ...]] = [(name,) for name in _absorbed(flat, experiments)]
     parameters = (replace(p, estimate=p.estimate and (p.name,) not in tied) for p in flat.parameters)
     flat = replace(flat, parameters=tuple(parameters))
     while together := _changing_together(flat, experiments):
