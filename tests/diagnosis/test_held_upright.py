@@ -88,9 +88,11 @@ def test_observer_beside_loads_of_next_to_nothing_is_made_where_the_machine_was_
         *halved((record(),), ()),
         DiagnoseOptions(hold="zoh"),
     ).null
-    run = run_null(with_noise(null, np.full(len(null.intensity), 1e-12), null.measurement_std))
-    assert np.any(run.gain)
-    assert_white(run)
+    for intensity in (1e-12, 0.0):
+        loads = np.full(len(null.intensity), intensity)
+        run = run_null(with_noise(null, loads, null.measurement_std))
+        assert np.any(run.gain)
+        assert_white(run)
 
 
 def test_only_what_falls_over_within_a_record_is_first_simulated_in_segments():
