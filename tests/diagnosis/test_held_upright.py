@@ -10,6 +10,7 @@ from hidden_plants import some_effects
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.disturbance import place_gains
 from daest.diagnosis.null import falls_over, with_noise
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screen import run_null
@@ -154,3 +155,11 @@ def test_sensor_of_a_ball_under_a_magnet_is_found_though_no_simulation_holds_it(
     assert found.verdict == "supported", found.message
     (b,) = (p for p in proof.told.parameters if p.name.endswith(".b"))
     assert b.std_error is not None and b.value == pytest.approx(0.4, abs=4 * b.std_error)
+
+
+def test_simulation_in_segments_leaves_nothing_to_loads_of_a_machine_held_upright():
+    flat = compile_text(UPRIGHT.encode(), Path("Upright.mo"))
+    null = begin(flat, *halved((record(),), ()), DiagnoseOptions(hold="zoh")).null
+    assert null.is_likelier_alone
+    assert all(gain.log_likelihood_gain == 0.0 for gain in place_gains(null, run_null(null)))
+    assert null.theta[list(null.flat.parameter_names).index("J")] == pytest.approx(J, rel=0.02)
