@@ -10,13 +10,17 @@ from hidden_plants import some_effects
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.disturbance import place_gains
+from daest.diagnosis.null import falls_over, with_noise
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screen import run_null
 from daest.diagnosis.stand import begin, halved
 from daest.errors import NumericalError
+from daest.estimation.records import part_of
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 from daest.numerics.statistics import whiteness_p_value
+from daest.systems.reduce import reduce_index
 from daest.systems.simulate import simulate
 
 UPRIGHT = """model Upright
@@ -78,6 +82,27 @@ def test_observer_is_that_of_the_machine_where_it_was_held_and_not_where_it_fall
     assert_white(run)
 
 
+def test_observer_beside_loads_of_next_to_nothing_is_made_where_the_machine_was_held():
+    """Averaged along its fall, the pendulum hangs most of the time, and needs no observer."""
+    null = begin(
+        compile_text(UPRIGHT.encode(), Path("Upright.mo")),
+        *halved((record(),), ()),
+        DiagnoseOptions(hold="zoh"),
+    ).null
+    for intensity in (1e-12, 0.0):
+        loads = np.full(len(null.intensity), intensity)
+        run = run_null(with_noise(null, loads, null.measurement_std))
+        assert np.any(run.gain)
+        assert_white(run)
+
+
+def test_only_what_falls_over_within_a_record_is_first_simulated_in_segments():
+    upright = reduce_index(compile_text(UPRIGHT.encode(), Path("Upright.mo")))
+    hanging = reduce_index(compile_text(UPRIGHT.replace("+ 1.5*", "- 1.5*").encode(), Path("Upright.mo")))
+    assert falls_over(upright, [record()]) and not falls_over(hanging, [record()])
+    assert not falls_over(upright, [part_of(record(), 0, 50)])
+
+
 MAGNET = """model Magnet
   parameter Real k(unit = "N.m2/A2", min = 0) = 2.2e-4 annotation(__Daest(estimate = true, scale = "log"));
   parameter Real m(unit = "kg") = 0.35;
@@ -130,3 +155,11 @@ def test_sensor_of_a_ball_under_a_magnet_is_found_though_no_simulation_holds_it(
     assert found.verdict == "supported", found.message
     (b,) = (p for p in proof.told.parameters if p.name.endswith(".b"))
     assert b.std_error is not None and b.value == pytest.approx(0.4, abs=4 * b.std_error)
+
+
+def test_simulation_in_segments_leaves_nothing_to_loads_of_a_machine_held_upright():
+    flat = compile_text(UPRIGHT.encode(), Path("Upright.mo"))
+    null = begin(flat, *halved((record(),), ()), DiagnoseOptions(hold="zoh")).null
+    assert null.is_likelier_alone
+    assert all(gain.log_likelihood_gain == 0.0 for gain in place_gains(null, run_null(null)))
+    assert null.theta[list(null.flat.parameter_names).index("J")] == pytest.approx(J, rel=0.02)

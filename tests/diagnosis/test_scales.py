@@ -3,14 +3,17 @@
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hidden_plants import MODELS, model, rotor_record, some_effects
 
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.stand import begin, held_told
-from daest.estimation.identify import tied_parameters
+from daest.estimation.identify import absorbed_parameters, tied_parameters
+from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
+from daest.systems.simulate import simulate
 
 
 @cache
@@ -66,3 +69,30 @@ def test_small_friction_does_not_hide_what_changes_with_it():
     assert set(tied_parameters(flat, [rubbing_record()], "foh")) == {"J", "d", "k"}
     stand = begin(flat, [rubbing_record()], [], DiagnoseOptions(hold="zoh"))
     assert len(stand.tied) == 1 and stand.tied[0][0] not in stand.null.estimated
+
+
+LIFT = b"""model Lift "Height by integrating twice, its zero unknown"
+  parameter Real h0(unit = "m") = 3 annotation(__Daest(estimate = true));
+  parameter Real k = 1.2 annotation(__Daest(estimate = true));
+  input Real a(unit = "m/s2");
+  output Real y(unit = "m") annotation(__Daest(std = 0.05));
+  Real h(unit = "m", start = 0, fixed = true); Real v(unit = "m/s", start = 0, fixed = true);
+equation
+  der(h) = v;
+  der(v) = k*a;
+  y = h0 + h;
+end Lift;
+"""
+
+
+def test_parameter_is_held_that_a_free_initial_state_makes_up_for():
+    flat = compile_text(LIFT, Path("Lift.mo"))
+    time = 0.1 * np.arange(300.0)
+    a = np.repeat(np.random.default_rng(4).normal(size=30), 10)[:, None]
+    y = simulate(flat.with_theta({"k": 1.0}), (time, a), hold="zoh").outputs
+    y = y + 0.05 * np.random.default_rng(5).standard_normal(y.shape)
+    record = Experiment("ride", time, a, y, ("a",), ("y",))
+    assert absorbed_parameters(flat, [record], "foh") == ("h0",)
+    stand = begin(flat, [record], [], DiagnoseOptions(hold="zoh"))
+    assert stand.tied == (("h0",),) and stand.null.estimated == ("k",)
+    assert held_told(stand) == "Free initial states do all that h0 does: it was held at 3."

@@ -11,10 +11,13 @@ from hidden_plants import library
 from scipy.linalg import expm
 
 from daest.diagnosis import rounds
+from daest.diagnosis.holds import are_alike
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.stand import begin
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
+from daest.systems.simulate import simulate
 
 C, G, LOSS, OUTSIDE, STEP = 2.3e5, 85.0, 18.0, 20.0, 60.0
 BOILER = b"""model Boiler "Two layers; the loss of heat is not modelled"
@@ -114,3 +117,37 @@ def test_hold_is_not_given_up_by_a_first_rough_pass(monkeypatch):
     monkeypatch.setattr(rounds, "grown", lambda turned, flat, explicit, fit, experiments: turned)
     null = Held("foh", "foh", SimpleNamespace(log_likelihood=before))
     assert rounds._held_better(null, SimpleNamespace(delta_log_likelihood=194.0)).hold == "zoh"
+
+
+STORE = b"""model Store "One heat capacity"
+  parameter Real C(unit = "J/K", min = 0) = 900 annotation(__Daest(estimate = true, scale = "log"));
+  parameter Real G(unit = "W/K", min = 0) = 2 annotation(__Daest(estimate = true, scale = "log"));
+  input Real P(unit = "W");
+  output Real y(unit = "degC") annotation(__Daest(std = 0.1));
+  Real T(unit = "degC", start = 60);
+equation
+  C*der(T) = P - G*(T - 20);
+  y = T;
+end Store;
+"""
+
+
+def stored(power):
+    """The null of a store, cooled or heated by a `power` (n,) that is held for 10 s."""
+    flat = compile_text(STORE, Path("Store.mo"))
+    time = 10.0 * np.arange(power.size)
+    y = simulate(flat.with_theta({"C": 1000.0}), (time, power[:, None]), hold="zoh").outputs
+    y = y + 0.1 * np.random.default_rng(1).standard_normal(y.shape)
+    record = Experiment("run", time, power[:, None], y, ("P",), ("y",))
+    return begin(flat, [record], [record], DiagnoseOptions()).null
+
+
+def test_holds_are_alike_where_an_input_changes_at_the_first_sample_alone():
+    once = np.full(200, 100.0)
+    once[0] = 60.0
+    assert are_alike(stored(once))
+
+
+def test_holds_are_not_alike_where_an_input_changes_again_and_again():
+    often = switched(np.random.default_rng(2), 200, 1, 400.0)
+    assert not are_alike(stored(often))

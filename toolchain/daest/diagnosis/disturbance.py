@@ -29,7 +29,9 @@ class SmoothedLoad:
 
 def place_gains(null: Null, run: NullObserver) -> tuple[PlaceGain, ...]:
     """What each load buys in log-likelihood while the others stay (parameters held), in the order of the
-    loads."""
+    loads; nothing, where no load at all is likelier."""
+    if null.is_likelier_alone:
+        return tuple(PlaceGain(load.places, 0.0, load.size, load.unit) for load in null.loads)
     model = integrator(null.explicit)
     whole = _log_likelihood(null, model, run.gain)
     # Where the loads explain all noise of a sensor, even hardly any load would follow the data as well.

@@ -6,15 +6,12 @@ speed it is the same, but loads and laws act on another body, and the right law 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import replace
 
-import numpy as np
-
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.holds import is_unsettled
-from daest.diagnosis.null import known_values
+from daest.diagnosis.null import are_elsewhere, known_values
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand, quiet, without_noises
@@ -49,9 +46,3 @@ def is_apart(there: Stand, stand: Stand) -> bool:
     lead = stand.null.fit.log_likelihood - there.null.fit.log_likelihood
     apart = are_elsewhere(there.null.fit.theta, stand.null.fit.theta, stand.null.estimated)
     return apart and lead < GATES.hopeless_log_likelihood
-
-
-def are_elsewhere(one: Mapping[str, float], other: Mapping[str, float], names: Collection[str]) -> bool:
-    """Whether any of the parameters `names` is another one by far, in its size."""
-    pairs = [(one[n], other[n]) for n in names if n in one and n in other]
-    return any(a * b > 0.0 and abs(np.log(a / b)) > np.log(GATES.elsewhere) for a, b in pairs)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from daest.diagnosis.candidates import fed
+from daest.diagnosis.free_starts import free_runs, misfit
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import open_hold, refitted, with_other_hold
+from daest.diagnosis.null import Null, open_hold, refitted, with_other_hold
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.ranking import best_accepted, best_start
 from daest.diagnosis.stand import Stand
@@ -83,7 +86,24 @@ def unsettled_hold(stand: Stand, found: Diagnosis) -> Hold | None:
     learned = found.learned
     if learned is not None and learned.keeps_hold and not learned.against:
         return None
-    return open_hold(stand.null) if is_unsettled(found) else None
+    hold = open_hold(stand.null) if is_unsettled(found) else None
+    return None if hold is None or are_alike(stand.null) else hold
+
+
+def are_alike(null: Null) -> bool:
+    """Whether the model simulates the experiments alike with either hold of the inputs, loads at rest and
+    initial states free, so that no law makes one of them likelier: an input that changes once, or slowly, is
+    the same on straight lines as held. The noise of the sensors is the measure."""
+    runs = free_runs(null, null.experiments)
+    if runs is None:
+        return False
+    other = with_other_hold(null)
+    simulated = tuple(
+        replace(one, outputs=np.where(np.isnan(one.outputs), np.nan, run.outputs))
+        for one, run in zip(other.experiments, runs, strict=True)
+    )
+    apart = misfit(other, simulated, null.starting_std)
+    return apart is not None and apart / 2.0 < GATES.min_hold_gain
 
 
 def is_unsettled(found: Diagnosis) -> bool:

@@ -3,7 +3,7 @@ loads at the places where the model admits them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
@@ -12,12 +12,13 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import LoadPlace, load_places, with_loads
-from daest.errors import EstimationError
+from daest.errors import DaestError, EstimationError
 from daest.estimation.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.gates import FIT
 from daest.estimation.hold_search import are_steps, moving_inputs, possible_holds, ranked_holds
 from daest.estimation.identify import identify
 from daest.estimation.identify_nonlinear import Refit, WarmStart, search_on
+from daest.estimation.records import longest_duration
 from daest.model.diagnosis import Load
 from daest.model.effects import Site
 from daest.model.experiment import Experiment
@@ -28,6 +29,7 @@ from daest.model.parts import Parameter, Prior
 from daest.systems.input_slopes import acting_slopes
 from daest.systems.linearize import has_affine_dynamics
 from daest.systems.reduce import reduce_index
+from daest.systems.state_space import family_along, state_space
 
 FIRST_LOAD = 20.0  # sampling periods, start of the search
 FASTER_LOAD = 2.1  # and of a second one, where the model is not linear: hardly more than white noise
@@ -41,7 +43,8 @@ class Null:
     in log-likelihood; `other_experiments` are those for it where the experiments are coarser than the
     recordings, and their inputs straight lines either way. `recorded_hold` is that of the recordings, and
     `is_hold_given` whether the user says so. No time constant of a load is above `slowest` [s]; None: the
-    length of the record limits it."""
+    length of the record limits it. `alone` is the log-likelihood of the simulation in segments without loads
+    of a machine that falls over, -inf where it was not asked for."""
 
     flat: FlatModel
     explicit: ExplicitModel
@@ -56,6 +59,13 @@ class Null:
     recorded_hold: Hold | None = None
     slowest: float | None = None
     is_hold_given: bool = False
+    alone: float = -np.inf
+
+    @property
+    def is_likelier_alone(self) -> bool:
+        """Whether a simulation without loads is likelier than what is predicted beside them. What falls over
+        cannot be left alone by an observer: there loads of next to nothing do what initial states do."""
+        return self.alone >= self.fit.log_likelihood
 
     @property
     def estimated(self) -> tuple[str, ...]:
@@ -136,14 +146,24 @@ def fit_null(
     times = tuple(place.time_constant for place in places)
     fits: dict[Hold, FitResult] = {}
 
+    def driving_by(one: Hold) -> tuple[Sequence[Experiment], Hold]:
+        return (experiments, one) if held is None else (as_recorded(experiments, held, one), FOH)
+
+    upright = None
+    if not near and not is_affine and falls_over(explicit, experiments):
+        upright = _upright(flat, {one: driving_by(one) for one in asked})
+    if upright is not None:
+        asked, near = upright.holds, known_values(upright.fit)
+
     def likelihood(one: Hold) -> float:
-        driving = (experiments, one) if held is None else (as_recorded(experiments, held, one), FOH)
+        driving = driving_by(one)
         # The holds differ by half a sample: the second search begins where the first one has ended.
         led = known_values(max(fits.values(), key=lambda fit: fit.log_likelihood, default=None))
-        fits[one] = _loaded_fit(loaded, times, *driving, slowest, is_affine, near or led)
+        begun = _Begun(near or led, upright is not None)
+        fits[one] = _loaded_fit(loaded, times, *driving, slowest, is_affine, begun)
         alone = {} if near else _near_values_alone(flat, *driving, fits[one])
         if alone:
-            afresh = _loaded_fit(loaded, times, *driving, slowest, is_affine, alone)
+            afresh = _loaded_fit(loaded, times, *driving, slowest, is_affine, _Begun(alone))
             fits[one] = max(fits[one], afresh, key=lambda fit: fit.log_likelihood)
         return fits[one].log_likelihood
 
@@ -153,6 +173,8 @@ def fit_null(
     others = [hold for hold in others if {best, hold} != {FOH, SMOOTH}] or others
     null = _at_estimate(loaded, fits[best], places, as_recorded(experiments, held, best))
     null = replace(null, recorded_hold=best, slowest=slowest)
+    if upright is not None:
+        null = replace(null, alone=upright.fit.log_likelihood)
     if not others:
         return null
     lead = fits[best].log_likelihood - fits[others[0]].log_likelihood
@@ -164,6 +186,12 @@ def are_driven_off(found: Mapping[str, float], given: Mapping[str, float]) -> bo
     """Whether any parameter was `found` so far from its `given` value that something else drives it."""
     pairs = [(found[name], value) for name, value in given.items() if value and name in found]
     return any(not 1.0 / GATES.driven_off < one / value < GATES.driven_off for one, value in pairs)
+
+
+def are_elsewhere(one: Mapping[str, float], other: Mapping[str, float], names: Collection[str]) -> bool:
+    """Whether any of the parameters `names` is another one by far, in its size."""
+    pairs = [(one[n], other[n]) for n in names if n in one and n in other]
+    return any(a * b > 0.0 and abs(np.log(a / b)) > np.log(GATES.elsewhere) for a, b in pairs)
 
 
 def _near_values_alone(
@@ -179,6 +207,50 @@ def _near_values_alone(
         values = known_values(identify(flat, experiments, IdentifyOptions(method="oe", hold=hold)))
         return {} if are_driven_off(values, given) else values
     return {}
+
+
+def falls_over(explicit: ExplicitModel, experiments: Sequence[Experiment]) -> bool:
+    """Whether the model, left alone at its values, goes so far from where it is within a record that no
+    simulation follows it: a pendulum that a controller holds upright."""
+    with suppress(DaestError):
+        family = family_along(explicit)
+        rates = np.linalg.eigvals(state_space(family, explicit.flat.theta_values).A)
+        return bool(np.max(rates.real, initial=0.0) * longest_duration(experiments) > GATES.falls_over)
+    return False
+
+
+@dataclass(frozen=True)
+class _Upright:
+    """The `fit` by simulation in segments of a machine that falls over, and the `holds` that are not clearly
+    refused by it."""
+
+    fit: FitResult
+    holds: tuple[Hold, ...]
+
+
+def _upright(flat: FlatModel, driven: Mapping[Hold, tuple[Sequence[Experiment], Hold]]) -> _Upright | None:
+    """The simulation without loads of a machine that falls over, with the likeliest of the holds that have
+    `driven` it; None where it came to no end. Loads hold up what falls over whatever its parameters are:
+    their likelihood has hills everywhere."""
+    fits: dict[Hold, FitResult] = {}
+    for one, (experiments, hold) in driven.items():
+        with suppress(EstimationError):
+            fits[one] = identify(flat, experiments, IdentifyOptions(method="oe", hold=hold))
+    best = max(fits.values(), key=lambda fit: fit.log_likelihood, default=None)
+    if best is None or not known_values(best):
+        return None
+    least = best.log_likelihood - GATES.clear_hold_gain
+    refused = {one for one, fit in fits.items() if fit.log_likelihood <= least}
+    return _Upright(best, tuple(one for one in driven if one not in refused))
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """Where the search of a null begins, at other `values` than those of the user; `is_simulated`: at those
+    to which the simulation of the model without loads has led."""
+
+    values: Mapping[str, float]
+    is_simulated: bool = False
 
 
 def known_values(fit: FitResult | None) -> dict[str, float]:
@@ -366,14 +438,15 @@ def _loaded_fit(
     hold: Hold,
     slowest: float | None,
     is_affine: bool,
-    begun: Mapping[str, float],
+    begun: _Begun,
 ) -> FitResult:
     """The fit with the time constants `times` of the loads; where the start values are a point at which
     parameters do the same, as those of two equal tanks in a row do, from start values beside it. The
     search begins at the values `begun`, which tell nothing of what the user gave."""
-    if begun:
+    if begun.values:
         with suppress(EstimationError):
-            fit = _fit_from(_begun_at(loaded, times, begun), times, experiments, hold, slowest, is_affine)
+            there = _begun_at(loaded, times, begun.values)
+            fit = _fit_from(there, times, experiments, hold, slowest, is_affine, begun.is_simulated)
             given = {p.name: p.value for p in loaded.parameters}
             return replace(fit, parameters=tuple(replace(p, initial=given[p.name]) for p in fit.parameters))
     try:
@@ -431,7 +504,9 @@ def _fit_from(
     hold: Hold,
     slowest: float | None,
     is_affine: bool,
+    is_simulated: bool = False,
 ) -> FitResult:
+    """The fit from the values of the model; `is_simulated`: at which it simulates best without loads."""
     bounds = dict.fromkeys(times, _time_constants(experiments, slowest))
     physical = tuple(p.name for p in loaded.parameters if p.estimate)
     # What is missing colours the residuals: other starts would be tried in vain.
@@ -441,6 +516,8 @@ def _fit_from(
         fit = identify(loaded, experiments, options)
         if not is_affine:
             fit = _from_faster_loads(fit, loaded, experiments, options, times)
+        if is_simulated:
+            return fit
         return _from_simulation(fit, loaded, experiments, options, physical)
     except EstimationError as error:
         if not _is_about(error, times):

@@ -36,7 +36,7 @@ from daest.diagnosis.null import Null
 from daest.diagnosis.size_slopes import Sizes, sizes_of, slopes_over
 from daest.errors import EstimationError
 from daest.estimation.observer import AverageModel, average_model, observer
-from daest.estimation.records import RUN_LENGTHS, part_of
+from daest.estimation.records import RUN_LENGTHS, longest_duration, part_of
 from daest.model.diagnosis import Candidate, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel
@@ -73,6 +73,10 @@ class Observed:
     whitened: np.ndarray
     slopes: np.ndarray
     sensors: np.ndarray
+
+
+LOUDER = tuple(10.0**power for power in range(0, 40, 2))  # loads, until an observer exists
+LEAST_INTENSITY = 1e-30  # of a load that is none, from which that search begins
 
 
 @dataclass(frozen=True)
@@ -127,6 +131,8 @@ def run_null(null: Null) -> NullObserver:
     is_whole = piece is experiment
     if not is_whole or _has_run_away(null, experiment.outputs - free.outputs, GATES.free_runaway):
         # What falls over in a simulation is held by an observer, and bends otherwise there.
+        if is_whole and not np.any(gain):
+            _, runs, _ = _followed(null, model, starts, _gain_before_falling(null, model, experiment, free))
         average = _average(null, experiment, runs[longest])
         whole = _whole_gain(null, average)
         gain, runs, errors = _followed(null, model, starts, whole)
@@ -152,6 +158,18 @@ def _simulated(
         except IntegrationError as error:
             failure = error
     raise failure
+
+
+def _gain_before_falling(
+    null: Null, model: Integrator, experiment: Experiment, free: Trajectory
+) -> np.ndarray:
+    """The stationary gain (n, n_y) of the model as it is along the simulation `free` until that runs away
+    from the experiment: where a pendulum hangs after its fall it needs no observer."""
+    spread = np.nanstd(experiment.outputs, axis=0)
+    away = np.abs(experiment.outputs - free.outputs) > GATES.free_runaway * spread
+    n_samples = max(int(np.argmax(np.any(away, axis=1))), 2)
+    piece, run = _simulated(null, model, part_of(experiment, 0, n_samples), free.states[0])
+    return _whole_gain(null, _average(null, piece, run))
 
 
 def _observed(
@@ -203,8 +221,21 @@ def _average(null: Null, experiment: Experiment, run: Trajectory) -> AverageMode
 def _whole_gain(null: Null, average: AverageModel) -> np.ndarray:
     """The stationary gain of an average (n, n_y); zero where there is none."""
     found = observer(average, null.intensity, null.measurement_std)
+    if found is None and _grows(null, average):
+        # What falls over needs an observer, and has none beside loads that are lost in rounding.
+        least = np.maximum(null.intensity, LEAST_INTENSITY)
+        tried = (observer(average, least * factor, null.measurement_std) for factor in LOUDER)
+        found = next((one for one in tried if one is not None), None)
     n_y, n = average.C.shape
     return np.zeros((n, n_y)) if found is None else found.gain
+
+
+def _grows(null: Null, average: AverageModel) -> bool:
+    """Whether an error of the average model, left alone, grows beyond all measure within a record."""
+    if not np.all(np.isfinite(average.A)):
+        return False
+    fastest = float(np.max(np.linalg.eigvals(average.A).real, initial=0.0))
+    return fastest * longest_duration(null.experiments) > GATES.falls_over
 
 
 def _ubar(null: Null, experiment: Experiment) -> np.ndarray:

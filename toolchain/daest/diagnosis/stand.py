@@ -16,14 +16,24 @@ from scipy.linalg import LinAlgWarning
 from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import Null, as_recorded, at_fit, fit_null, known_values, moved_apart, refit
+from daest.diagnosis.null import (
+    Null,
+    are_elsewhere,
+    as_recorded,
+    at_fit,
+    falls_over,
+    fit_null,
+    known_values,
+    moved_apart,
+    refit,
+)
 from daest.diagnosis.open_loop import Simulated, simulated_errors
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.proof import Reference, bic_gain
 from daest.diagnosis.settled import FAILURES, better_of, fit_by_simulation, settled
 from daest.diagnosis.unseen import adds_up, foreseen, steady_outputs
 from daest.errors import EstimationError
-from daest.estimation.identify import identify, tied_parameters
+from daest.estimation.identify import absorbed_parameters, identify, tied_parameters
 from daest.estimation.records import part_of
 from daest.estimation.signals import is_constant
 from daest.model.diagnosis import Diagnosis, Proof, VerdictName
@@ -42,7 +52,7 @@ class Stand:
     effects that were accepted so far), the null's fit on the same terms as those of its rivals (`baseline`),
     the one without coloured loads (`reference`), and the validation data, with those for the other hold where
     they differ. Of every set of parameters in `tied`, which can change together without any effect on the
-    outputs, the first is held."""
+    outputs, the first is held; of one name, that a free initial state makes up for, it is."""
 
     declared: FlatModel
     null: Null
@@ -116,15 +126,26 @@ def _scaled(
     flat: FlatModel, experiments: Sequence[Experiment]
 ) -> tuple[FlatModel, tuple[tuple[str, ...], ...]]:
     """The model with one parameter held of each set of them that can change together without any effect on
-    the outputs, and these sets: a torque constant with all torques, say. Loads would let such a scale go
-    anywhere, and no size would be known. The one that the data know least is let pass its bounds: at another
-    scale than the machine's a small friction beside that of the motor's voltage may have to be below zero."""
-    tied: list[tuple[str, ...]] = []
+    the outputs, and those that free initial states make up for; and these sets: a torque constant with all
+    torques, say. Loads would let such a scale go anywhere, and no size would be known. The one that the data
+    know least is let pass its bounds: at another scale than the machine's a small friction beside that of the
+    motor's voltage may have to be below zero."""
+    tied: list[tuple[str, ...]] = [(name,) for name in _absorbed(flat, experiments)]
+    parameters = (replace(p, estimate=p.estimate and (p.name,) not in tied) for p in flat.parameters)
+    flat = replace(flat, parameters=tuple(parameters))
     while together := _changing_together(flat, experiments):
         tied.append(together)
         held, *_, least = together
         flat = replace(flat, parameters=tuple(_at_scale(p, held, least) for p in flat.parameters))
     return flat, tuple(tied)
+
+
+def _absorbed(flat: FlatModel, experiments: Sequence[Experiment]) -> tuple[str, ...]:
+    """Estimated parameters that do nothing but what free initial states do, at the given values and beside
+    them."""
+    absorbed = absorbed_parameters(flat, experiments, FOH)
+    beside = absorbed_parameters(moved_apart(flat), experiments, FOH) if absorbed else ()
+    return tuple(name for name in absorbed if name in beside)
 
 
 def _at_scale(parameter: Parameter, held: str, least: str) -> Parameter:
@@ -153,6 +174,8 @@ def _fitted(
     (`_simulated_better`)."""
     null = _begun_where_it_runs(lambda near: null_of(flat, near), flat, experiments)
     baseline, reference = _told_fits(null, unseen_by(null))
+    if baseline.log_likelihood > null.fit.log_likelihood + GATES.min_load_gain:
+        null = at_fit(null, baseline)
     null, baseline, reference = _not_astray(
         null, baseline, reference, lambda near: null_of(flat, near), unseen_by
     )
@@ -178,8 +201,11 @@ def _not_astray(
     astray. That of a pendulum ends where a load does what gravity does."""
     if reference is None or reference.fit.log_likelihood < null.fit.log_likelihood + GATES.min_load_gain:
         return null, baseline, reference
+    known = known_values(reference.fit)
+    if not known:
+        return null, baseline, reference
     with suppress(*FAILURES):
-        other = null_near(known_values(reference.fit))
+        other = null_near(known)
         if other.fit.log_likelihood > null.fit.log_likelihood:
             return other, *_told_fits(other, unseen_by(other))
     return null, baseline, reference
@@ -201,6 +227,9 @@ def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) 
         fit = identify(flat, null.experiments, IdentifyOptions(method="oe", hold=null.hold))
     except FAILURES:
         return None
+    is_held = falls_over(null.explicit, null.experiments)
+    if is_held and not are_elsewhere(fit.theta, null.fit.theta, null.estimated):
+        return None  # its simulation falls whatever its parameters are, but for that in segments
     if not _far_smaller(error_ratios(reference.fit.simulated, fit.simulated, "estimation")):
         return None
     fixed = flat.with_theta(fit.theta)
@@ -297,12 +326,17 @@ def told_whole(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> Diagn
 def held_told(stand: Stand) -> str:
     """Which parameters were held, since others do all that they do; empty where none was."""
     values = {p.name: p.value for p in stand.declared.parameters}
-    told = "; ".join(
-        f"{', '.join(names)} can change together without any effect on the measured outputs: {names[0]} was "
-        f"held at {values[names[0]]:.4g}, and sizes may be in proportion to it (--fix one that is known)"
-        for names in stand.tied
-    )
+    told = "; ".join(_held_one_told(names, values[names[0]]) for names in stand.tied)
     return f"{told}." if told else ""
+
+
+def _held_one_told(names: Sequence[str], value: float) -> str:
+    if len(names) == 1:
+        return f"Free initial states do all that {names[0]} does: it was held at {value:.4g}"
+    return (
+        f"{', '.join(names)} can change together without any effect on the measured outputs: {names[0]} was "
+        f"held at {value:.4g}, and sizes may be in proportion to it (--fix one that is known)"
+    )
 
 
 def _beside_limits(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> Diagnosis:

@@ -16,7 +16,7 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.estimation.coordinates import log_likelihood
 from daest.estimation.gates import FIT
-from daest.estimation.linear_fit import linear_ends, linear_start, needed_slopes
+from daest.estimation.linear_fit import absorbed_by_starts, linear_ends, linear_start, needed_slopes
 from daest.estimation.profile import Tell, check_profile_names, silent
 from daest.estimation.result import fit_result
 from daest.estimation.setup import NO_INFLUENCE, Setup, changing_together, check_jumps, setup_of
@@ -95,6 +95,22 @@ def tied_parameters(
     )
     together = changing_together(setup.unknowns, start, piece)
     return tuple(sorted(together, key=lambda name: -weights[name]))
+
+
+def absorbed_parameters(
+    model: FlatModel, experiments: Sequence[Experiment], hold: Hold | None = None
+) -> tuple[str, ...]:
+    """Estimated parameters of a linear model that move the outputs at its values, but not otherwise than free
+    initial states do; none where nothing can be simulated."""
+    try:
+        family = state_space_family(model)
+        if not family.is_affine:
+            return ()
+        setup = setup_of(family, experiments, (), IdentifyOptions(method="oe", hold=hold))
+        setup, problem, start = linear_start(family, setup)
+    except EstimationError:
+        return ()
+    return () if start is None else absorbed_by_starts(setup, problem, start)
 
 
 def searched(

@@ -29,7 +29,7 @@ from daest.estimation.identifiability import (
     unseen_directions,
     without_influence,
 )
-from daest.estimation.linear_predictors import Predicted, Problem, all_scores, simulate
+from daest.estimation.linear_predictors import Predicted, Problem, all_scores, innovation_slopes, simulate
 from daest.estimation.optimum import MOST_PROBED, Search, best_point, coloured, rank
 from daest.estimation.profile import Searched, Tell
 from daest.estimation.records import Record, make_record, observed_counts
@@ -77,6 +77,19 @@ def linear_start(family: StateSpaceFamily, setup: Setup) -> tuple[Setup, Problem
     hold = _chosen_hold(simulation, setup.experiments, setup.options.hold)
     simulation = _with_hold(simulation, setup.experiments, hold)
     return setup, simulation, _at_start(setup, simulation)
+
+
+def absorbed_by_starts(setup: Setup, problem: Problem, start: Evaluation) -> tuple[str, ...]:
+    """The parameters that move outputs, but not otherwise than free initial states do: the zero of a sensor
+    of a height that an acceleration is integrated to."""
+    dead = without_influence(start.information, setup.n_observed)
+    found = problem.predict(problem.unknowns.start, with_slopes=True) if np.any(dead) else None
+    if found is None:
+        return ()
+    parts = zip(found.recursions, found.records, found.found, found.initial_states, strict=True)
+    moving = np.any([np.any(innovation_slopes(*part), axis=(1, 2)) for part in parts], axis=0)
+    names = problem.unknowns.parameter_names()
+    return tuple(n for n, absorbed in zip(names, dead[: len(names)] & moving, strict=True) if absorbed)
 
 
 def linear_ends(family: StateSpaceFamily, setup: Setup, tell: Tell) -> LinearEnds:

@@ -26,6 +26,8 @@ from daest.systems.integration import IntegrationError
 
 FIRST_LENGTH = 500  # samples of the fit that finds the initial state before the whole record is used
 GROWN_LENGTHS = (50, 150)  # over which it is looked for before, for a second search of that fit
+SHORT_SHARE = 4  # of a short record is such a part, ...
+FEWEST_SHORT = 20  # ... but no fewer samples
 SHORT_LENGTH = 100  # samples that also must show a direction as flat before it is called unidentifiable
 INITIAL_ITERATIONS = 15
 MEASURED_LENGTHS = (2, 10, 50)  # samples that are to show the initial states
@@ -450,7 +452,10 @@ def whole_and_piece(problem: TrajectoryProblem, z: np.ndarray) -> tuple[Evaluati
 
 
 def _piece_of(problem: TrajectoryProblem) -> TrajectoryProblem:
-    return replace(problem, experiments=tuple(part_of(e, 0, SHORT_LENGTH) for e in problem.experiments))
+    """The first samples of every record, and no more than a part of one that is short itself."""
+    pieces = (min(SHORT_LENGTH, max(e.n_samples // SHORT_SHARE, FEWEST_SHORT)) for e in problem.experiments)
+    parts = zip(problem.experiments, pieces, strict=True)
+    return replace(problem, experiments=tuple(part_of(e, 0, n) for e, n in parts))
 
 
 def _failure(problem: TrajectoryProblem, z: np.ndarray) -> str:
