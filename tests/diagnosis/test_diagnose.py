@@ -408,7 +408,8 @@ def test_unknown_effect_is_told_over_what_the_nearest_wrong_law_leaves():
     assert _told_by_rest((), [wrong]) is None
 
 
-def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted():
+def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted(monkeypatch):
+    monkeypatch.setattr("daest.diagnosis.holds.are_alike", lambda _: False)
     stand = SimpleNamespace(
         null=SimpleNamespace(hold="foh", other_hold="zoh", hold_lead=20.0),
         baseline=SimpleNamespace(log_likelihood=100.0),

@@ -226,13 +226,40 @@ def test_leaders_in_open_loop_are_simulated_where_nothing_is_enough(
     )  # fmt: skip
     asked: list[Any] = []
 
-    def shown(records: Any, trials: Any, before: Any) -> str:
+    def shown(records: Any, trials: Any, before: Any) -> list[Any]:
         assert records is stand and before is proofs
         asked.extend(one.candidate.label for one in trials)
-        return "shown"
+        return []
 
     found = course._with_leaders_in_use(cast(Any, SimpleNamespace(shown_by_leaders=shown)), proofs)
-    assert (found, asked) == ((proofs, []) if wanted is None else ("shown", wanted))
+    assert (found, asked) == ((proofs, []) if wanted is None else ([], wanted))
+
+
+def test_laws_beside_a_constant_that_comes_near_are_simulated(monkeypatch: Any) -> None:
+    """Much of a loss of heat is a constant, and no screen of errors that last tells one from the other."""
+
+    def entry(name: str, site: str, n_states: int = 0) -> Any:
+        effect = SimpleNamespace(class_name=name, n_states=n_states, is_of_driving=False)
+        candidate = SimpleNamespace(label=f"{name} at {site}", effect=effect, site=site, is_dynamic=False)
+        return SimpleNamespace(candidate=candidate, sizes=(1.0,))
+
+    def simulated(entry: Any, unseen: float, leaves_noise: bool = False) -> Any:
+        used = InUse(n_independent=40.0, unseen=unseen, leaves_noise=leaves_noise)
+        return SimpleNamespace(candidate=entry.candidate, in_use=used)
+
+    monkeypatch.setattr(course_module, "adds_a_constant", lambda effect: effect.class_name == "gain")
+    monkeypatch.setattr(course_module, "is_same", lambda one, other: one.candidate.label == other.label)
+    gain, elsewhere = entry("gain", "wall"), entry("gain", "room")
+    others = [entry("loss", "wall"), entry("loss", "wall"), entry("store", "wall", 1), entry("loss", "room")]
+    used = cast(Any, SimpleNamespace(entries=[elsewhere, gain, *others]))
+
+    def asked(*proofs: Any) -> list[str]:
+        return [t.candidate.label for t in course_module._laws_beside_constant(used, proofs)]
+
+    assert asked(simulated(gain, 3.0), simulated(elsewhere, 1.0)) == ["loss at wall"]
+    assert asked(simulated(gain, 0.05)) == []  # hardly better
+    assert asked(simulated(gain, 3.0, leaves_noise=True)) == []
+    assert asked(simulated(gain, 3.0), simulated(others[0], 0.0)) == []
 
 
 def test_constant_is_simulated_where_a_ramp_leads(monkeypatch: Any) -> None:

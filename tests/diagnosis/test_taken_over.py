@@ -88,10 +88,11 @@ def test_values_of_a_simulation_are_taken_by_the_product_of_its_errors(
     """A noisy speed beside an angle."""
     flat = compile_text(CAR, Path("Car.mo"))
     before, after = simulated((0.6, 3.0)), simulated(fitted, is_adrift)
-    null = SimpleNamespace(estimated=("ms",), experiments=(), hold="foh", fit=before.fit)
+    null = SimpleNamespace(estimated=("ms",), experiments=(), hold="foh", fit=before.fit, explicit=None)
+    monkeypatch.setattr(stands, "falls_over", lambda *_: False)
     references = [before, after]
     monkeypatch.setattr(stands, "identify", lambda *given: after.fit)
-    monkeypatch.setattr(stands, "_told_fits", lambda null, validation: (None, references.pop(0)))
+    monkeypatch.setattr(stands, "_told_fits", lambda null, validation: (before.fit, references.pop(0)))
     found = stands._fitted(flat, lambda flat, near: null, lambda null: ())[2]
     assert found is (after if is_taken else before)
 
@@ -102,10 +103,11 @@ def test_values_that_foresee_worse_are_not_held(monkeypatch):
     before, after = simulated((0.6, 3.0)), simulated((0.02, 1.9), False)
     for reference, unseen in ((before, 1.0), (after, 4.0)):
         reference.fit.simulated["validation"] = SimpleNamespace(rms={"y": unseen, "w": 3.0})
-    null = SimpleNamespace(estimated=("ms",), experiments=(), hold="foh", fit=before.fit)
+    null = SimpleNamespace(estimated=("ms",), experiments=(), hold="foh", fit=before.fit, explicit=None)
+    monkeypatch.setattr(stands, "falls_over", lambda *_: False)
     references = [before, after]
     monkeypatch.setattr(stands, "identify", lambda *given: after.fit)
-    monkeypatch.setattr(stands, "_told_fits", lambda null, validation: (None, references.pop(0)))
+    monkeypatch.setattr(stands, "_told_fits", lambda null, validation: (before.fit, references.pop(0)))
     assert stands._fitted(flat, lambda flat, near: null, lambda null: ())[2] is before
 
 
