@@ -367,12 +367,11 @@ def _is_enough(best: Proof, before: FitResult) -> bool:
 
 
 def _laws_beside_constant(used: Screen, proofs: Sequence[Proof]) -> list[Trial]:
-    """The other laws without states at the place of a constant by which the simulation of unseen data is
-    clearly better, of those that the nearest one: no screen of errors that last tells them, and much of a
-    loss of heat is a constant."""
+    """The other laws without states at the place of the constant that takes most of the errors of a
+    simulation away: no screen of errors that last tells them, and much of a loss of heat is a constant."""
     near = [p for p in proofs if adds_a_constant(p.candidate.effect) and p.in_use.n_independent]
     best = min(near, key=lambda proof: proof.in_use.ratio, default=None)
-    if best is None or best.in_use.ratio >= GATES.max_clear_ratio or best.in_use.leaves_noise:
+    if best is None or best.in_use.ratio >= GATES.max_most_ratio or best.in_use.leaves_noise:
         return []
     found: dict[str, Trial] = {}
     for entry in used.entries:
