@@ -74,6 +74,7 @@ def assert_white(run):
     assert whiteness_p_value(observed.whitened[:, 0], np.ones(len(observed.whitened), dtype=bool)) > 0.01
 
 
+@pytest.mark.slow
 def test_observer_is_that_of_the_machine_where_it_was_held_and_not_where_it_falls_to():
     flat = compile_text(UPRIGHT.encode(), Path("Upright.mo"))
     run = run_null(begin(flat, *halved((record(),), ()), DiagnoseOptions(hold="zoh")).null)
@@ -82,6 +83,7 @@ def test_observer_is_that_of_the_machine_where_it_was_held_and_not_where_it_fall
     assert_white(run)
 
 
+@pytest.mark.slow
 def test_observer_beside_loads_of_next_to_nothing_is_made_where_the_machine_was_held():
     """Averaged along its fall, the pendulum hangs most of the time, and needs no observer."""
     null = begin(
