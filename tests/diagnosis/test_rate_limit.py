@@ -4,6 +4,7 @@ of voltage between two corners, and exponentials."""
 from pathlib import Path
 
 import numpy as np
+import pytest
 from test_play import MOTOR
 
 from daest.diagnosis.diagnose import diagnose
@@ -57,6 +58,7 @@ def test_a_limit_of_the_rate_is_found_with_its_size(tmp_path) -> None:
     assert own.unit == "V/s"
 
 
+@pytest.mark.slow
 def test_a_lag_is_no_limit_of_the_rate(tmp_path) -> None:
     found = diagnosed(tmp_path, recorded(late, 0.15, 2))
     assert found.message.startswith("Something dynamic is missing, and it is fast: any of Lag")

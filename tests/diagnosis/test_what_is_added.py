@@ -1,6 +1,7 @@
 """What is added to a signal or a store: a share of an input that a sensor sees, a flow nobody measured."""
 
 import numpy as np
+import pytest
 from held_inputs import diagnosed, followed, held
 
 N_SAMPLES = 1200
@@ -35,6 +36,7 @@ end Chamber;
 """
 
 
+@pytest.mark.slow
 def test_a_sensor_that_sees_another_input():
     """A force sensor that answers to a load across it: an offset and some noise had been all."""
     rng = np.random.default_rng(4)

@@ -51,6 +51,7 @@ def test_a_machine_without_effects_is_its_model_at_the_true_values(study, tmp_pa
     assert np.abs(error / list(machine.noise.values())).max() < 0.02
 
 
+@pytest.mark.slow
 def test_loads_hide_no_better_values_of_a_resonance_that_is_sampled_slowly(study, tmp_path):
     case, every = study.NAMED["shaft nothing"], 20
     machine, rng = study.with_effects("shaft", ()), case.rng(102)
