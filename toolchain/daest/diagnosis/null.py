@@ -214,9 +214,16 @@ def falls_over(explicit: ExplicitModel, experiments: Sequence[Experiment]) -> bo
     simulation follows it: a pendulum that a controller holds upright."""
     with suppress(DaestError):
         family = family_along(explicit)
-        rates = np.linalg.eigvals(state_space(family, explicit.flat.theta_values).A)
-        return bool(np.max(rates.real, initial=0.0) * longest_duration(experiments) > GATES.falls_over)
+        return grows_beyond(state_space(family, explicit.flat.theta_values).A, experiments)
     return False
+
+
+def grows_beyond(A: np.ndarray, experiments: Sequence[Experiment]) -> bool:
+    """Whether an error of x' = A x, A of (n, n), grows beyond all measure within a record."""
+    if not np.all(np.isfinite(A)):
+        return False
+    fastest = float(np.max(np.linalg.eigvals(A).real, initial=0.0))
+    return fastest * longest_duration(experiments) > GATES.falls_over
 
 
 @dataclass(frozen=True)

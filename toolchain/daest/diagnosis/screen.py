@@ -32,11 +32,11 @@ from daest.diagnosis.clipping import CLIPPED
 from daest.diagnosis.error_dynamics import WatchedErrors, dynamics_along
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.grown_states import grown_states
-from daest.diagnosis.null import Null
+from daest.diagnosis.null import Null, grows_beyond
 from daest.diagnosis.size_slopes import Sizes, sizes_of, slopes_over
 from daest.errors import EstimationError
 from daest.estimation.observer import AverageModel, average_model, observer
-from daest.estimation.records import RUN_LENGTHS, longest_duration, part_of
+from daest.estimation.records import RUN_LENGTHS, part_of
 from daest.model.diagnosis import Candidate, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel
@@ -57,6 +57,8 @@ RTOL = 1e-4  # of a run of an observer: that of the refits, ...
 ATOL_OF_SCALE = 0.1  # ... with their absolute tolerance where the sizes of the states are known
 ALONE = "has states that do not follow the model alone"  # why an effect is skipped
 NO_SOLUTION = "its equations have no solution along the recordings"
+LOUDER = tuple(10.0**power for power in range(0, 40, 2))  # loads, until an observer exists
+LEAST_INTENSITY = 1e-30  # of a load that is none, from which that search begins
 HALVINGS = 8  # of a gain with which the observer runs away
 AT_HAND = 1 << 20  # numbers (8 MiB) of the responses that are made at a time
 MOST_SENT = 1 << 24  # numbers (128 MiB) of the responses that another process makes
@@ -73,10 +75,6 @@ class Observed:
     whitened: np.ndarray
     slopes: np.ndarray
     sensors: np.ndarray
-
-
-LOUDER = tuple(10.0**power for power in range(0, 40, 2))  # loads, until an observer exists
-LEAST_INTENSITY = 1e-30  # of a load that is none, from which that search begins
 
 
 @dataclass(frozen=True)
@@ -221,21 +219,13 @@ def _average(null: Null, experiment: Experiment, run: Trajectory) -> AverageMode
 def _whole_gain(null: Null, average: AverageModel) -> np.ndarray:
     """The stationary gain of an average (n, n_y); zero where there is none."""
     found = observer(average, null.intensity, null.measurement_std)
-    if found is None and _grows(null, average):
+    if found is None and grows_beyond(average.A, null.experiments):
         # What falls over needs an observer, and has none beside loads that are lost in rounding.
         least = np.maximum(null.intensity, LEAST_INTENSITY)
         tried = (observer(average, least * factor, null.measurement_std) for factor in LOUDER)
         found = next((one for one in tried if one is not None), None)
     n_y, n = average.C.shape
     return np.zeros((n, n_y)) if found is None else found.gain
-
-
-def _grows(null: Null, average: AverageModel) -> bool:
-    """Whether an error of the average model, left alone, grows beyond all measure within a record."""
-    if not np.all(np.isfinite(average.A)):
-        return False
-    fastest = float(np.max(np.linalg.eigvals(average.A).real, initial=0.0))
-    return fastest * longest_duration(null.experiments) > GATES.falls_over
 
 
 def _ubar(null: Null, experiment: Experiment) -> np.ndarray:

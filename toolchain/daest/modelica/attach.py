@@ -91,9 +91,18 @@ def free_name(base: str, taken: Iterable[str]) -> str:
     return next(name for n in count(1) if (name := base if n == 1 else f"{base}{n}") not in known)
 
 
-def numbered(name: str, number: int) -> str:
-    """The name of a component that stands for the one of that `name` in the part of that number."""
-    return f"{name}_{number}"
+def one_by_one(placement: Placement, taken: Collection[str]) -> list[Placement]:
+    """The placement, at equal places the one at each of them: under its name the first, the others under free
+    names with the number of their part."""
+    if not placement.site.parts:
+        return [placement]
+    first, *others = placement.site.parts
+    found, known = [replace(placement, site=first)], {*taken, placement.name}
+    for number, part in enumerate(others, 2):
+        name = free_name(f"{placement.name}_{number}", known)
+        known.add(name)
+        found.append(replace(placement, site=part, name=name))
+    return found
 
 
 def names_of(flat: FlatModel) -> set[str]:
@@ -226,16 +235,11 @@ class _Assembly:
             )
         if not self.allow_repeated:
             self._refuse_repetition(effect, site)
-        if not site.parts:
-            self._put(placement)
-            return
-        first, *others = site.parts
-        name = self._put(replace(placement, site=first)).name
-        for number, part in enumerate(others, 2):
-            further = free_name(numbered(name, number), self._names)
-            self._put(replace(placement, site=part, name=further), shared=name)
+        name = placement.name or component_name(effect, self._names)
+        for one in one_by_one(replace(placement, name=name), self._names):
+            self._put(one, "" if one.name == name else name)
 
-    def _put(self, placement: Placement, shared: str = "") -> _Member:
+    def _put(self, placement: Placement, shared: str = "") -> None:
         """A component at one place; of the component `shared` it takes the parameters."""
         effect, site = placement.effect, placement.site
         member = self._member(placement, shared)
@@ -268,7 +272,6 @@ class _Assembly:
             self._behind_signal(member, site.name)
         else:
             self._instead(member, site.name)
-        return member
 
     def _member(self, placement: Placement, shared: str = "") -> _Member:
         """The effect's variables, parameters and equations, with nothing connected yet."""
@@ -299,7 +302,7 @@ class _Assembly:
         return member
 
     def _name(self, placement: Placement) -> str:
-        name = placement.name or component_name(placement.effect, self._names)
+        name = placement.name
         if name in self._names:
             raise ModelError(
                 "effect-name",

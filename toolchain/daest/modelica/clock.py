@@ -120,8 +120,8 @@ def _seconds(
     flat: FlatModel, units: Sequence[str], pair: Sequence[ca.SX], unit: str, beside: str
 ) -> Iterator[float]:
     """The seconds in the unit of time by a `pair` of factors, of the rate of what is in `unit` and of what is
-    in `beside`, with the `units` of the variables. Nothing where a number
-    stands in them, or where they tell no time."""
+    in `beside`, with the `units` of the variables. Nothing where a number stands in them, or where they tell
+    no time."""
     values = ca.Function("values", [flat.theta, ca.vertcat(flat.xi, flat.u)], pair)
 
     def ratio(size: Callable[[str], float]) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from daest.errors import ModelError
 from daest.model.effects import Domain, Effect, EffectParameter, Placement, Site
 from daest.model.flat import FlatModel
-from daest.modelica.attach import attach, component_name, free_name, given_source, names_of, numbered
+from daest.modelica.attach import attach, component_name, free_name, given_source, names_of, one_by_one
 from daest.modelica.balances import balances
 from daest.modelica.compile import compile_text
 from daest.modelica.compiler import modification
@@ -188,7 +188,7 @@ def extend_model(
     placement = Placement(effect, site, component, values or {}, inputs or {})
     draft = _Draft(changes=_changes(parameters or {}, original))
     units = units_at(flat, effect, site)
-    for one in _one_by_one(placement, names_of(flat)):
+    for one in one_by_one(placement, names_of(flat)):
         shared = component if one.name != component else ""
         draft.declarations.append(_declaration(one, units, held, shared))
         _supply(draft, one, flat)
@@ -380,19 +380,6 @@ def _extends(base: str, changes: Sequence[str]) -> list[str]:
     if len(line) <= _MARGIN:
         return [line]
     return [f"  extends {base}(", *(f"    {change}," for change in changes[:-1]), f"    {changes[-1]});"]
-
-
-def _one_by_one(placement: Placement, taken: Collection[str]) -> list[Placement]:
-    """The placement, at equal places the one at each of them, under names of their own."""
-    if not placement.site.parts:
-        return [placement]
-    first, *others = placement.site.parts
-    found, known = [replace(placement, site=first)], {*taken, placement.name}
-    for number, part in enumerate(others, 2):
-        name = free_name(numbered(placement.name, number), known)
-        known.add(name)
-        found.append(replace(placement, site=part, name=name))
-    return found
 
 
 def _declaration(
