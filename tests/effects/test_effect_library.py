@@ -26,7 +26,7 @@ FOLDER = library_root() / "Daest" / "Effects"
 # Names that a signal or an amount of any unit may feed: they cannot have a unit themselves.
 UNITLESS = {"Signals", "General", "Amounts"}
 # Sizes of either sign: a load, an offset, the influence of a signal.
-SIGNED = {"a", "Q_0", "q_0", "r_0", "tau_0", "f_0", "k", "b", "g", "r", "y", "c", "c3"}
+SIGNED = {"a", "Q_0", "q_0", "r_0", "tau_0", "f_0", "dp_0", "k", "b", "g", "r", "y", "c", "c3"}
 
 MECHANICAL = frozenset(
     (
@@ -51,7 +51,7 @@ EXPECTED = {
     ),
     "Thermal": frozenset(["Radiation", "MeasuredHeatGain", "MeasuredVentilation", "WallCapacity"]),
     "Hydraulic": frozenset(
-        ["Orifice", "Overflow", "Weir", "Downpipe", "FreeOutlet", "WideningTank", "ConstantFlow"]
+        ["Orifice", "Overflow", "Weir", "Downpipe", "FreeOutlet", "WideningTank", "ConstantFlow", "ConstantHead"]
     ),
     "Amounts": frozenset(
         ["ConstantInflow", "FirstOrderLoss", "SaturableLoss", "QuadraticLoss", "HiddenStore"]
@@ -174,6 +174,7 @@ def test_loads_and_offsets_add_a_constant() -> None:
         "Translational.ConstantLoad",
         "Thermal.ConstantHeatGain",
         "Hydraulic.ConstantFlow",
+        "Hydraulic.ConstantHead",
         "Amounts.ConstantInflow",
         "Signals.Offset",
     }
