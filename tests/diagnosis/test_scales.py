@@ -9,7 +9,8 @@ from hidden_plants import MODELS, model, rotor_record, some_effects
 
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.stand import begin, held_told
+from daest.diagnosis.stand import begin
+from daest.diagnosis.told_beside import held_told
 from daest.estimation.identify import absorbed_parameters, tied_parameters
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text

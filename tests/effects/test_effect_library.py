@@ -51,7 +51,16 @@ EXPECTED = {
     ),
     "Thermal": frozenset(["Radiation", "MeasuredHeatGain", "MeasuredVentilation", "WallCapacity"]),
     "Hydraulic": frozenset(
-        ["Orifice", "Overflow", "Weir", "Downpipe", "FreeOutlet", "WideningTank", "ConstantFlow", "ConstantHead"]
+        [
+            "Orifice",
+            "Overflow",
+            "Weir",
+            "Downpipe",
+            "FreeOutlet",
+            "WideningTank",
+            "ConstantFlow",
+            "ConstantHead",
+        ]
     ),
     "Amounts": frozenset(
         ["ConstantInflow", "FirstOrderLoss", "SaturableLoss", "QuadraticLoss", "HiddenStore"]

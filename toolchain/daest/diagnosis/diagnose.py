@@ -34,8 +34,9 @@ from daest.diagnosis.null import known_values, without_memory
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.rounds import accept
 from daest.diagnosis.settled import FAILURES
-from daest.diagnosis.stand import Stand, begin, halved, limited, told_whole, without_noises
+from daest.diagnosis.stand import Stand, begin, halved, limited, without_noises
 from daest.diagnosis.switching import diagnose_switching
+from daest.diagnosis.told_beside import told_whole
 from daest.fmu.binary_model import BinaryModel
 from daest.model.diagnosis import Candidate, Diagnosis, Proof
 from daest.model.effects import Effect

@@ -29,8 +29,9 @@ from daest.diagnosis.reasons import not_determined, unmoved
 from daest.diagnosis.rounds import accept, gains_beside, proved_again, proved_beside, with_kinks
 from daest.diagnosis.screen import promising_pairs
 from daest.diagnosis.settled import FAILURES
-from daest.diagnosis.stand import Stand, begin, halved, held_told, limit_told, limited
+from daest.diagnosis.stand import Stand, begin, halved, limited
 from daest.diagnosis.switching import diagnose_switching
+from daest.diagnosis.told_beside import held_told, limit_told
 from daest.diagnosis.trials import SHARPER, Trial
 from daest.diagnosis.unseen import is_better, is_likelier, is_worse
 from daest.errors import EstimationError

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import LinAlgWarning
 
-from daest.diagnosis.clipping import share_at_limit, with_clipped_sensors
+from daest.diagnosis.clipping import with_clipped_sensors
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import (
@@ -36,7 +36,7 @@ from daest.errors import EstimationError
 from daest.estimation.identify import absorbed_parameters, identify, tied_parameters
 from daest.estimation.records import part_of
 from daest.estimation.signals import is_constant
-from daest.model.diagnosis import Diagnosis, Proof, VerdictName
+from daest.model.diagnosis import Proof
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, error_ratios
@@ -306,52 +306,6 @@ def limited(
         for law in found.laws
     )
     return grown, proofs
-
-
-def limit_told(stand: Stand, proof: Proof) -> str:
-    """How the recordings show that a sensor cuts."""
-    output = proof.candidate.site.name
-    limit = proof.candidate.shape["limit"]
-    share = share_at_limit(stand.null.experiments, output, limit)
-    return f"{output} stays at {limit:.6g} in {100.0 * share:.2g} % of the samples, where its noise ends"
-
-
-def told_whole(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> Diagnosis:
-    """The diagnosis with what was taken as given beside it: the `limits` of sensors, and parameters that were
-    held."""
-    found = _beside_limits(found, stand, limits)
-    return replace(found, message=f"{found.message} {held_told(stand)}".rstrip())
-
-
-def held_told(stand: Stand) -> str:
-    """Which parameters were held, since others do all that they do; empty where none was."""
-    values = {p.name: p.value for p in stand.declared.parameters}
-    told = "; ".join(_held_one_told(names, values[names[0]]) for names in stand.tied)
-    return f"{told}." if told else ""
-
-
-def _held_one_told(names: Sequence[str], value: float) -> str:
-    if len(names) == 1:
-        return f"Free initial states do all that {names[0]} does: it was held at {value:.4g}"
-    return (
-        f"{', '.join(names)} can change together without any effect on the measured outputs: {names[0]} was "
-        f"held at {value:.4g}, and sizes may be in proportion to it (--fix one that is known)"
-    )
-
-
-def _beside_limits(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> Diagnosis:
-    """The diagnosis of a model that was given the limits of its sensors, with these told."""
-    if not limits:
-        return found
-    told = "; ".join(limit_told(stand, proof) for proof in limits)
-    text = f"The recordings show that a sensor cuts: {told}. The model was given that limit"
-    if found.verdict in ("nothing missing", "parameters off"):
-        name: VerdictName = "supported"
-        labels = ", ".join(proof.candidate.label for proof in limits)
-        message = f"{labels}; supported. {text}; beside it: {found.message}"
-    else:
-        name, message = found.verdict, f"{found.message} {text}, and what is said is beside it."
-    return replace(found, verdict=name, message=message, proofs=(*limits, *found.proofs))
 
 
 def reference_of(null: Null, fit: FitResult, validation: Sequence[Experiment]) -> Reference | None:
