@@ -103,6 +103,32 @@ equation
 end Chain;
 """
 
+CELLS = """model Cells "cells in series, connected in loops"
+  parameter Integer n = 3;
+  parameter Real R(unit = "Ohm", min = 0) = 0.1 annotation(__Daest(estimate = true));
+  Daest.Blocks.Interfaces.RealInput i(unit = "A");
+  Daest.Blocks.Interfaces.RealOutput U[n](each unit = "V");
+  Daest.Electrical.Analog.Sources.SignalCurrent source;
+  Daest.Electrical.Analog.Basic.Ground ground;
+  Daest.Electrical.Analog.Basic.Resistor loss[n](each R = R);
+  Daest.Electrical.Analog.Basic.Capacitor cell[n](each C = 50, v(each start = 1, each fixed = true));
+  Daest.Electrical.Analog.Sensors.PotentialSensor at[n];
+equation
+  connect(source.i, i);
+  connect(source.n, loss[1].p);
+  connect(source.p, ground.p);
+  for k in 1:n loop
+    connect(loss[k].n, cell[k].p);
+    connect(at[k].p, loss[k].p);
+    connect(at[k].phi, U[k]);
+  end for;
+  for k in 2:n loop
+    connect(cell[k - 1].n, loss[k].p);
+  end for;
+  connect(cell[n].n, ground.p);
+end Cells;
+"""
+
 
 def compiled(text: str, name: str):
     return compile_text(text.encode(), Path(f"{name}.mo"), name)
@@ -157,6 +183,10 @@ LOSS, SPRING = {"G": 5.0, "T_0": 280.0}, {"c3": 7.0}
         (CHAIN, "Translational.HardeningSpring", "each F[i]", SPRING),
         (CHAIN, "Translational.ConstantLoad", "each v[i]", {}),
         (CHAIN, "Electrical.BrushVoltageDrop", "each I[i]", {}),
+        (CELLS, "Electrical.BrushVoltageDrop", "cell[2].p", {}),
+        (CELLS, "Electrical.BrushVoltageDrop", "cell[3].n", {}),
+        (CELLS, "Electrical.VoltageRelaxation", "loss[3].p", {}),
+        (CELLS, "Signals.Gain", "U[2]", {}),
     ],
 )
 def test_text_compiles_to_the_equations_of_attach(tmp_path, text, class_name, place, values) -> None:

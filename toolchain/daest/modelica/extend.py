@@ -53,6 +53,7 @@ from daest.modelica.sites import sites
 from daest.modelica.source import read_source, select_class
 from daest.modelica.terminals import terminals
 from daest.modelica.text import number_text, times_text
+from daest.modelica.unrolled import with_connects_written_out
 
 __all__ = ["CurveText", "Extension", "extend_by_curve", "extend_model"]
 
@@ -502,7 +503,7 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Origi
         draft.connect(f"{name}.{first}", a)
         draft.connect(f"{name}.{second}", b)
     elif site.kind == "connector":
-        _in_series(draft, placement, original)
+        original = _in_series(draft, placement, original)
     elif site.kind == "equation":
         original, end = _opened_for(original, site.name, site.domain)
         draft.connect(f"{name}.{effect.connectors[0]}", _reachable(original, (end,)))
@@ -679,27 +680,26 @@ def _reachable(original: _Original, connectors: Iterable[str]) -> str:
     )
 
 
-def _in_series(draft: _Draft, placement: Placement, original: _Original) -> None:
+def _in_series(draft: _Draft, placement: Placement, original: _Original) -> _Original:
     first, second = placement.effect.connectors
-    for connector in (placement.site.name, *placement.site.aliases):
-        clauses = [c for c in original.clauses() if connector in c.pair]
-        if clauses:
-            break
-    else:
+    original, connector = _named(original, (placement.site.name, *placement.site.aliases))
+    if not connector:
         raise original.refusal(
             f"no connect clause of {original.path.name} names `{placement.site.name}`",
             "Put the effect where the model itself makes the connection, or into the component that does.",
         )
-    for clause in clauses:
+    for clause in _clauses_of(connector, original):
         draft.replace(clause)
         other = clause.right if clause.left == connector else clause.left
         draft.connect(other, f"{placement.name}.{first}")
     draft.connect(f"{placement.name}.{second}", connector)
+    return original
 
 
 def _behind_input(draft: _Draft, placement: Placement, original: _Original) -> _Original:
-    name, flat = placement.site.name, original.flat
-    clauses = [c for c in original.clauses() if name in c.pair]
+    name = placement.site.name
+    original, _ = _named(original, (name,))
+    flat, clauses = original.flat, _clauses_of(name, original)
     symbol = flat.u[flat.input_names.index(name)]
     used = set(ca.jacobian_sparsity(flat.residual, symbol).row())
     equations = [flat.equations[i] for i in sorted(used) if flat.equations[i].kind != "connection"]
@@ -732,14 +732,14 @@ def _behind_signal(draft: _Draft, placement: Placement, original: _Original) -> 
         draft.changes.append(f"{variable} = {placement.name}.y")
         draft.equations.append(f"{placement.name}.u = {name};")
         return original.changed(source)
-    clauses = _clauses_of(name, original)
-    if not clauses:
+    original, found = _named(original, (name,))
+    if not found:
         raise original.refusal(
             f"no connect clause of {original.path.name} names `{name}`",
             "Put the effect into the component that makes the connection.",
         )
     draft.connect(name, f"{placement.name}.u")
-    for clause in clauses:
+    for clause in _clauses_of(name, original):
         draft.replace(clause)
         draft.connect(f"{placement.name}.y", clause.right if clause.left == name else clause.left)
     return original
@@ -759,6 +759,19 @@ def _before_output(draft: _Draft, placement: Placement, original: _Original) -> 
     return original
 
 
+def _named(original: _Original, names: Sequence[str]) -> tuple[_Original, str]:
+    """The model, and the first of `names` that its connect clauses name, once its loops of them are written
+    out where none does; empty for none."""
+    name = next((name for name in names if _clauses_of(name, original)), "")
+    if name or not any("[" in name for name in names):
+        return original, name
+    written = with_connects_written_out(original.source, original.head)
+    if written == original.source:
+        return original, ""
+    original = original.changed(written)
+    return original, next((name for name in names if _clauses_of(name, original)), "")
+
+
 def _clauses_of(name: str, original: _Original) -> list[ConnectClause]:
     return [c for c in original.clauses() if name in c.pair]
 
@@ -766,7 +779,8 @@ def _clauses_of(name: str, original: _Original) -> list[ConnectClause]:
 def _bound(name: str, original: _Original) -> tuple[_Original, str]:
     """The model whose output has a binding that no equation uses, and the text of that; empty where the
     output is connected."""
-    if _clauses_of(name, original):
+    original, connected = _named(original, (name,))
+    if connected:
         return original, ""
     bound = _binding(name, original)
     if not bound or _is_used(name, original):

@@ -1,16 +1,26 @@
 """Loops of equations written out, so that one of their equations can be opened.
 
 `for i in 2:n loop C*der(T[i]) = q[i-1] - q[i]; end for;` becomes `C*der(T[2]) = q[1] - q[2];` and so on: the
-same equations in the same order.
+same equations in the same order. Loops of connect clauses likewise, as `for i in 1:n-1 loop
+connect(a[i].n, a[i+1].p); end for;`, so that one of their connections can be opened.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 
-from daest.modelica.outline import Edit, Token, edited
+from daest.modelica.outline import (
+    ClassHead,
+    Edit,
+    Token,
+    class_heads,
+    class_tokens,
+    closing,
+    edited,
+)
 
-_LOOP, _END = "loop", "end"
+_LOOP, _END, _CONNECT = "loop", "end", "connect"
 _BLOCKS = ("for", "if", "when")
 
 
@@ -40,6 +50,85 @@ def without_loop(source: bytes, words: Sequence[Token], at: int, n_equations: in
     ]
     semicolon = next(w for w in words[end:] if w.text == ";")
     return edited(source, [Edit(words[at - 1].start, semicolon.end, f"\n{indent}".join(lines))])
+
+
+def with_connects_written_out(source: bytes, head: ClassHead) -> bytes:
+    """The text in which the connect clauses of a class name each element of an array by its number: loops
+    around nothing else are written out, and subscripts such as `n-1` worked out."""
+    while (edit := _loop_of_connects(source, class_tokens(source, head))) is not None:
+        source = edited(source, [edit])
+        head = _again(source, head)
+    return edited(source, _subscripts(class_tokens(source, head)))
+
+
+def _again(source: bytes, head: ClassHead) -> ClassHead:
+    return next(h for h in class_heads(source) if h.name == head.name)
+
+
+def _loop_of_connects(source: bytes, words: Sequence[Token]) -> Edit | None:
+    """The first loop over whole numbers with connect clauses alone inside, written out; None for none."""
+    known = _known_numbers(words)
+    for at in range(1, len(words)):
+        if words[at - 1].text != "for" or [w.text for w in words[at + 1 : at + 2]] != ["in"]:
+            continue
+        body = next(i for i in range(at, len(words)) if words[i].text == _LOOP) + 1
+        end = next(i for i in range(body, len(words)) if words[i].text == _END)
+        inside = words[body:end]
+        first, _, last = "".join(w.text for w in words[at + 2 : body - 1]).partition(":")
+        low, high = _whole(first, known), _whole(last, known)
+        begins = [w.text for w, before in zip(inside, (None, *inside), strict=False) if _starts(before)]
+        if low is None or high is None or set(begins) != {_CONNECT}:
+            continue
+        indent = _indent(source, words[at - 1].start)
+        lines = [
+            line
+            for number in range(low, high + 1)
+            for line in _statements(source, inside, words[at].text, number)
+        ]
+        stop = next(w for w in words[end:] if w.text == ";").end
+        return Edit(words[at - 1].start, stop, f"\n{indent}".join(lines))
+    return None
+
+
+def _starts(before: Token | None) -> bool:
+    return before is None or before.text == ";"
+
+
+def _known_numbers(words: Sequence[Token]) -> dict[str, int]:
+    """The integers that a class gives a number."""
+    return {
+        words[i + 1].text: int(words[i + 3].text)
+        for i in range(len(words) - 3)
+        if words[i].text == "Integer" and words[i + 2].text == "=" and words[i + 3].text.isdecimal()
+    }
+
+
+def _whole(text: str, known: Mapping[str, int]) -> int | None:
+    """A sum of whole numbers and known integers; None for anything else."""
+    parts = re.findall(r"[+-]?\w+", text)
+    if not parts or "".join(parts) != text:
+        return None
+    values = [(part.lstrip("+-"), -1 if part.startswith("-") else 1) for part in parts]
+    if not all(name.isdecimal() or name in known for name, _ in values):
+        return None
+    return sum(sign * (int(name) if name.isdecimal() else known[name]) for name, sign in values)
+
+
+def _subscripts(words: Sequence[Token]) -> list[Edit]:
+    """What replaces the subscripts of connect clauses that are no plain numbers."""
+    known, edits = _known_numbers(words), []
+    for at, word in enumerate(words):
+        if word.text != _CONNECT:
+            continue
+        behind = closing(words, at + 1)
+        for i in range(at, behind):
+            if words[i].text != "[":
+                continue
+            inside = words[i + 1 : closing(words, i) - 1]
+            value = _whole("".join(w.text for w in inside), known)
+            if value is not None and inside:
+                edits.append(Edit(inside[0].start, inside[-1].end, str(value)))
+    return edits
 
 
 def _indent(source: bytes, at: int) -> str:
