@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from daest.model.flat import FlatModel
-from daest.modelica.text import number_text
+from daest.modelica.text import factor_number
 
 ONE = ca.SX(1.0)
 _N_POINTS = 3  # at which expressions must agree
@@ -196,7 +196,8 @@ def _written(one: ca.SX, names: dict[int, str]) -> tuple[str, int] | None:
     """The text of an expression, and its precedence."""
     if one.is_constant():
         value = float(one)
-        return (number_text(value), _POWER) if value >= 0.0 else (f"({number_text(value)})", _POWER)
+        shown = factor_number(value)
+        return (shown, _POWER) if value >= 0.0 else (f"({shown})", _POWER)
     if one.is_symbolic():
         name = names.get(one.element_hash())
         return None if name is None else (name, _POWER)

@@ -50,6 +50,15 @@ def number_text(value: float | int | bool | str) -> str:
     return f"{value:.15g}" if float(f"{value:.15g}") == value else repr(value)
 
 
+def factor_number(value: float) -> str:
+    """A factor between units as Modelica writes it, without the rounding of the products that made it.
+
+    >>> factor_number(59999.999999999985), factor_number(0.1)
+    ('60000', '0.1')
+    """
+    return number_text(float(f"{value:.14g}"))
+
+
 def times_text(factor: float, text: str) -> str:
     """A text times a number, which is left out where it is 1.
 
@@ -59,7 +68,7 @@ def times_text(factor: float, text: str) -> str:
     if factor == 1.0:
         return text
     shown = text if _VARIABLE.fullmatch(text) else f"({text})"
-    return f"{number_text(factor)}*{shown}"
+    return f"{factor_number(factor)}*{shown}"
 
 
 def _print(node: s.Node) -> tuple[str, int]:
