@@ -116,3 +116,14 @@ def test_rows_of_one_time_are_one_finding(folder, daest):
     code, out, _ = daest("check", "bad.csv", "--model", "Lag.mo", "--format", "json")
     found = [f for f in json.loads(out)["recordings"][0]["findings"] if f["code"] == "check-unusable"]
     assert code == 1 and len(found) == 1 and "stands still at 0.1;" in found[0]["text"]
+
+
+def test_samples_that_estimate_and_validate_are_told(folder, daest):
+    time, u, y = recording(400, 1)
+    write_csv(folder / "whole.csv", time, u, y)
+    write_csv(folder / "part.csv", time[:300], u[:300], y[:300])
+    recordings = 'estimate = ["whole.csv"]\nvalidate = ["run2.csv", "part.csv"]'
+    (folder / "daest.toml").write_text(f'[model]\nsource = "Lag.mo"\n[data]\n{recordings}\n')
+    code, out, _ = daest("check", "--format", "json")
+    found = {one["name"]: [f["code"] for f in one["findings"]] for one in json.loads(out)["recordings"]}
+    assert code == 1 and found == {"whole": [], "run2": [], "part": ["check-repeated"]}

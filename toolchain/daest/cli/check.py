@@ -63,8 +63,30 @@ def command(
         _tell_walls()
     window = data_options.preparation(project)
     checks = [checked(path, project, flat, window) for path in paths]
+    if flat is not None and not files.data and project.validate:
+        checks = _with_repeated(checks, project, flat, window)
     emit(documents.document(checks), "check", form, output, texts.text)
     return int(any(check.warnings for check in checks))
+
+
+def _with_repeated(
+    checks: Sequence[DataCheck], project: Project, flat: Model, window: Preparation
+) -> list[DataCheck]:
+    """The checks of the recordings of daest.toml, with the samples that estimate and validate."""
+    from daest.cli.recordings import measured_recordings
+    from daest.data.repeated import repeated_findings
+
+    n = len(project.estimate)
+    try:
+        _, read = measured_recordings(flat, project, [*project.estimate, *project.validate], window)
+    except DaestError:  # told of the recording by itself
+        return list(checks)
+    repeated: dict[str, list[Finding]] = {recording.name: [] for recording in read[n:]}
+    for name, finding in repeated_findings(read[:n], read[n:]):
+        repeated[name].append(finding)
+    later = zip(checks[n:], read[n:], strict=True)
+    more = [replace(check, findings=(*check.findings, *repeated[one.name])) for check, one in later]
+    return [*checks[:n], *more]
 
 
 def _tell_walls() -> None:
