@@ -165,6 +165,24 @@ def test_what_loads_drive_off_begins_again_where_the_model_alone_stays_near(
     """A pendulum on an arm, balanced: beside loads its arm had weighed a hundred times as much."""
     given = [SimpleNamespace(name=name, value=value, estimate=True) for name, value in GIVEN.items()]
     fit = SimpleNamespace(status="converged", theta=alone, parameters=())
-    monkeypatch.setattr(null_module, "identify", lambda *_: fit)
+    asked = []
+    monkeypatch.setattr(null_module, "identify", lambda *_: asked.append(1) or fit)
     flat, loaded = SimpleNamespace(parameters=given), SimpleNamespace(theta=beside)
-    assert null_module._near_values_alone(cast(Any, flat), (), "zoh", cast(Any, loaded)) == values
+    simulated = null_module._Alone(cast(Any, flat), lambda hold: ((), hold))
+    assert simulated.values_near("zoh", cast(Any, loaded)) == values
+    assert simulated.values_near("zoh", cast(Any, loaded)) == values and len(asked) <= 1
+
+
+def test_a_simulation_that_comes_to_no_end_is_not_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def fails(*_: Any) -> Any:
+        asked.append("")
+        raise EstimationError("identify-start", "no")
+
+    monkeypatch.setattr(null_module, "identify", fails)
+    flat = SimpleNamespace(parameters=[SimpleNamespace(name="m", value=1.0, estimate=True)])
+    simulated = null_module._Alone(cast(Any, flat), lambda hold: ((), hold))
+    loaded = cast(Any, SimpleNamespace(theta={"m": 40.0}))
+    assert simulated.upright(("zoh",)) is None and simulated.values_near("zoh", loaded) == {}
+    assert len(asked) == 1

@@ -3,9 +3,9 @@ loads at the places where the model admits them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 
 import numpy as np
@@ -43,8 +43,8 @@ class Null:
     in log-likelihood; `other_experiments` are those for it where the experiments are coarser than the
     recordings, and their inputs straight lines either way. `recorded_hold` is that of the recordings, and
     `is_hold_given` whether the user says so. No time constant of a load is above `slowest` [s]; None: the
-    length of the record limits it. `alone` is the log-likelihood of the simulation in segments without loads
-    of a machine that falls over, -inf where it was not asked for."""
+    length of the record limits it. `alone` is the fit by simulation without loads, None where it was not
+    asked for, and `is_upright` tells that it is one in segments of a machine that falls over."""
 
     flat: FlatModel
     explicit: ExplicitModel
@@ -59,13 +59,16 @@ class Null:
     recorded_hold: Hold | None = None
     slowest: float | None = None
     is_hold_given: bool = False
-    alone: float = -np.inf
+    alone: FitResult | None = None
+    is_upright: bool = False
 
     @property
     def is_likelier_alone(self) -> bool:
         """Whether a simulation without loads is likelier than what is predicted beside them. What falls over
         cannot be left alone by an observer: there loads of next to nothing do what initial states do."""
-        return self.alone >= self.fit.log_likelihood
+        if self.alone is None or not self.is_upright:
+            return False
+        return self.alone.log_likelihood >= self.fit.log_likelihood
 
     @property
     def estimated(self) -> tuple[str, ...]:
@@ -149,9 +152,9 @@ def fit_null(
     def driving_by(one: Hold) -> tuple[Sequence[Experiment], Hold]:
         return (experiments, one) if held is None else (as_recorded(experiments, held, one), FOH)
 
-    upright = None
-    if not near and not is_affine and falls_over(explicit, experiments):
-        upright = _upright(flat, {one: driving_by(one) for one in asked})
+    alone = _Alone(flat, driving_by)
+    is_held = not near and not is_affine and falls_over(explicit, experiments)
+    upright = alone.upright(asked) if is_held else None
     if upright is not None:
         asked, near = upright.holds, known_values(upright.fit)
 
@@ -159,11 +162,11 @@ def fit_null(
         driving = driving_by(one)
         # The holds differ by half a sample: the second search begins where the first one has ended.
         led = known_values(max(fits.values(), key=lambda fit: fit.log_likelihood, default=None))
-        begun = _Begun(near or led, upright is not None)
+        begun = _Begun(near or led, is_simulated=upright is not None)
         fits[one] = _loaded_fit(loaded, times, *driving, slowest, is_affine, begun)
-        alone = {} if near else _near_values_alone(flat, *driving, fits[one])
-        if alone:
-            afresh = _loaded_fit(loaded, times, *driving, slowest, is_affine, _Begun(alone))
+        back = {} if near else alone.values_near(one, fits[one])
+        if back:
+            afresh = _loaded_fit(loaded, times, *driving, slowest, is_affine, _Begun(back))
             fits[one] = max(fits[one], afresh, key=lambda fit: fit.log_likelihood)
         return fits[one].log_likelihood
 
@@ -173,8 +176,7 @@ def fit_null(
     others = [hold for hold in others if {best, hold} != {FOH, SMOOTH}] or others
     null = _at_estimate(loaded, fits[best], places, as_recorded(experiments, held, best))
     null = replace(null, recorded_hold=best, slowest=slowest)
-    if upright is not None:
-        null = replace(null, alone=upright.fit.log_likelihood)
+    null = replace(null, alone=alone.found.get(best), is_upright=upright is not None)
     if not others:
         return null
     lead = fits[best].log_likelihood - fits[others[0]].log_likelihood
@@ -192,21 +194,6 @@ def are_elsewhere(one: Mapping[str, float], other: Mapping[str, float], names: C
     """Whether any of the parameters `names` is another one by far, in its size."""
     pairs = [(one[n], other[n]) for n in names if n in one and n in other]
     return any(a * b > 0.0 and abs(np.log(a / b)) > np.log(GATES.elsewhere) for a, b in pairs)
-
-
-def _near_values_alone(
-    flat: FlatModel, experiments: Sequence[Experiment], hold: Hold, beside: FitResult
-) -> dict[str, float]:
-    """The parameters near their given values to which the simulation of the model alone leads, where the fit
-    `beside` loads has driven them off; none where they are off without loads, too. Loads hold up a pendulum
-    that its controller balances, whatever it weighs."""
-    given = {p.name: p.value for p in flat.parameters if p.estimate}
-    if not are_driven_off(beside.theta, given):
-        return {}
-    with suppress(EstimationError):
-        values = known_values(identify(flat, experiments, IdentifyOptions(method="oe", hold=hold)))
-        return {} if are_driven_off(values, given) else values
-    return {}
 
 
 def falls_over(explicit: ExplicitModel, experiments: Sequence[Experiment]) -> bool:
@@ -235,20 +222,44 @@ class _Upright:
     holds: tuple[Hold, ...]
 
 
-def _upright(flat: FlatModel, driven: Mapping[Hold, tuple[Sequence[Experiment], Hold]]) -> _Upright | None:
-    """The simulation without loads of a machine that falls over, with the likeliest of the holds that have
-    `driven` it; None where it came to no end. Loads hold up what falls over whatever its parameters are:
-    their likelihood has hills everywhere."""
-    fits: dict[Hold, FitResult] = {}
-    for one, (experiments, hold) in driven.items():
-        with suppress(EstimationError):
-            fits[one] = identify(flat, experiments, IdentifyOptions(method="oe", hold=hold))
-    best = max(fits.values(), key=lambda fit: fit.log_likelihood, default=None)
-    if best is None or not known_values(best):
-        return None
-    least = best.log_likelihood - GATES.clear_hold_gain
-    refused = {one for one, fit in fits.items() if fit.log_likelihood <= least}
-    return _Upright(best, tuple(one for one in driven if one not in refused))
+@dataclass(frozen=True)
+class _Alone:
+    """The fits by simulation of the model `flat` without loads, of each hold once: of the recordings, and the
+    hold, that an answer to how the inputs were held is `driving` with. None where a fit came to no end."""
+
+    flat: FlatModel
+    driving: Callable[[Hold], tuple[Sequence[Experiment], Hold]]
+    found: dict[Hold, FitResult | None] = field(default_factory=dict)
+
+    def fit(self, one: Hold) -> FitResult | None:
+        if one not in self.found:
+            self.found[one] = None
+            experiments, hold = self.driving(one)
+            with suppress(EstimationError):
+                self.found[one] = identify(self.flat, experiments, IdentifyOptions(method="oe", hold=hold))
+        return self.found[one]
+
+    def upright(self, asked: Sequence[Hold]) -> _Upright | None:
+        """The simulation of a machine that falls over, with the likeliest of the holds; None where it came to
+        no end. Loads hold up what falls over whatever its parameters are: their likelihood has hills
+        everywhere."""
+        fits = {one: fit for one in asked if (fit := self.fit(one)) is not None}
+        best = max(fits.values(), key=lambda fit: fit.log_likelihood, default=None)
+        if best is None or not known_values(best):
+            return None
+        least = best.log_likelihood - GATES.clear_hold_gain
+        refused = {one for one, fit in fits.items() if fit.log_likelihood <= least}
+        return _Upright(best, tuple(one for one in asked if one not in refused))
+
+    def values_near(self, one: Hold, beside: FitResult) -> dict[str, float]:
+        """The parameters near their given values to which the simulation leads, where the fit `beside` loads
+        has driven them off; none where they are off without loads, too. Loads hold up a pendulum that its
+        controller balances, whatever it weighs."""
+        given = {p.name: p.value for p in self.flat.parameters if p.estimate}
+        if not are_driven_off(beside.theta, given):
+            return {}
+        values = known_values(self.fit(one))
+        return {} if are_driven_off(values, given) else values
 
 
 @dataclass(frozen=True)

@@ -224,7 +224,7 @@ def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) 
     ):
         return None
     try:
-        fit = identify(flat, null.experiments, IdentifyOptions(method="oe", hold=null.hold))
+        fit = null.alone or identify(flat, null.experiments, IdentifyOptions(method="oe", hold=null.hold))
     except FAILURES:
         return None
     is_held = falls_over(null.explicit, null.experiments)
