@@ -9,6 +9,7 @@ import pytest
 from hidden_plants import some_effects
 from scipy.integrate import solve_ivp
 
+from daest.diagnosis import screen as screen_module
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.disturbance import place_gains
 from daest.diagnosis.null import falls_over, with_noise
@@ -96,6 +97,23 @@ def test_observer_beside_loads_of_next_to_nothing_is_made_where_the_machine_was_
         run = run_null(with_noise(null, loads, null.measurement_std))
         assert np.any(run.gain)
         assert_white(run)
+
+
+def test_observer_whose_gain_lets_the_machine_fall_is_made_where_it_was_held(monkeypatch):
+    """An average along the fall may need next to no gain: that of an arm whose pendulum hangs."""
+    null = begin(
+        compile_text(UPRIGHT.encode(), Path("Upright.mo")),
+        *halved((record(),), ()),
+        DiagnoseOptions(hold="zoh"),
+    ).null
+    whole = screen_module._whole_gain
+
+    def too_little_along_a_fall(null, average):
+        grows = float(np.max(np.linalg.eigvals(average.A).real))
+        return (1.0 if grows > 4.5 else 0.01) * whole(null, average)
+
+    monkeypatch.setattr(screen_module, "_whole_gain", too_little_along_a_fall)
+    assert_white(run_null(with_noise(null, np.full(len(null.intensity), 1e-12), null.measurement_std)))
 
 
 def test_only_what_falls_over_within_a_record_is_first_simulated_in_segments():

@@ -129,7 +129,8 @@ def run_null(null: Null) -> NullObserver:
     is_whole = piece is experiment
     if not is_whole or _has_run_away(null, experiment.outputs - free.outputs, GATES.free_runaway):
         # What falls over in a simulation is held by an observer, and bends otherwise there.
-        if is_whole and not np.any(gain):
+        is_held = bool(np.any(gain)) and not _has_run_away(null, np.concatenate(errors), GATES.free_runaway)
+        if is_whole and not is_held:
             _, runs, _ = _followed(null, model, starts, _gain_before_falling(null, model, experiment, free))
         average = _average(null, experiment, runs[longest])
         whole = _whole_gain(null, average)
