@@ -110,7 +110,7 @@ def test_observer_whose_gain_lets_the_machine_fall_is_made_where_it_was_held(mon
 
     def too_little_along_a_fall(null, average):
         grows = float(np.max(np.linalg.eigvals(average.A).real))
-        return (1.0 if grows > 4.5 else 0.01) * whole(null, average)
+        return (1.0 if grows > 4.76 else 0.2) * whole(null, average)
 
     monkeypatch.setattr(screen_module, "_whole_gain", too_little_along_a_fall)
     assert_white(run_null(with_noise(null, np.full(len(null.intensity), 1e-12), null.measurement_std)))
