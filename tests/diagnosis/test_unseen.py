@@ -346,6 +346,17 @@ def test_constant_load_of_every_recording_is_no_law():
     assert "1.2 times worse" in judged([ahead(1.2, -4.0)], fit_with(1.0), whole, False, steady=steady)[0]
 
 
+@pytest.mark.parametrize("own, is_refused", [(1.0, False), (2.3, True)])
+def test_a_constant_load_excuses_nothing_that_a_law_costs_its_own_recordings(own, is_refused):
+    """Of five thermometers along a rod one reads too low. That another reads too high a constant
+    heat flow into each piece of the rod excuses, but it simulates the others worse in its own recordings."""
+    before, after = fit_with(1.0), fit_with(2.3)
+    before.simulated["estimation"] = Agreement({}, {"y": 1.0})
+    after.simulated["estimation"] = Agreement({}, {"y": own})
+    found, _, _ = judged([ahead(0.8, 5.0)], before, after, False, steady=0.87)
+    assert bool(found) == is_refused
+
+
 ROOM = """model Room
   parameter Real C(unit = "J/K", min = 0) = 1e5 annotation(__Daest(estimate = true, scale = "log"));
   parameter Real G(unit = "W/K", min = 0) = 20 annotation(__Daest(estimate = true, scale = "log"));

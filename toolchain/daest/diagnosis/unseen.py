@@ -284,13 +284,13 @@ def judged(
     simulation is dead reckoning, which counts for an effect, not against it, unless the model did without
     it what the machine did and does so no longer; `told` is what their likelihood says, and `steady` the
     ratio of the errors of simulations in which every recording has a constant load of its own
-    (`steady_misfit`), where it is smaller than that without. Errors of the outputs `holding` do not add up
-    where others do: no effect may simulate one of them clearly worse, where the simulation stays near enough
-    to what was measured for its initial states to be those of the machine. `clock` is what the model counts
-    time in."""
+    (`steady_misfit`), where it is smaller than that without and the law does not cost the simulation of its
+    own recordings as much. Errors of the outputs `holding` do not add up where others do: no effect may
+    simulate one of them clearly worse, where the simulation stays near enough to what was measured for its
+    initial states to be those of the machine. `clock` is what the model counts time in."""
     ratios = error_ratios(before.simulated, after.simulated)
-    whole = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.nan
-    whole = whole if steady is None else min(whole, steady)
+    whole = _together(ratios)
+    whole = whole if steady is None or _costs_its_own(before, after) else min(whole, steady)
     if not ahead and not ratios:
         return "", True, False
     better = [one for one in ahead if is_better(one)]
@@ -315,6 +315,20 @@ def judged(
     if not is_clear:
         return "unseen data are foreseen no better", False, False
     return "", True, min(best, whole if whole == whole else 1.0) < GATES.max_most_ratio
+
+
+def _together(ratios: Sequence[float]) -> float:
+    """One ratio of errors for those of all outputs; NaN without any."""
+    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else np.nan
+
+
+def _costs_its_own(before: FitResult, after: FitResult) -> bool:
+    """Whether a law makes the simulation of the recordings that it was fitted to clearly worse: it does not
+    take another level of the unseen ones for that. Loads that are constant in each recording do what the zero
+    of any sensor does, and leave open which of several sensors is off."""
+    return (
+        _together(error_ratios(before.simulated, after.simulated, "estimation")) > 1.0 / GATES.max_clear_ratio
+    )
 
 
 def _ratios_of(before: FitResult, after: FitResult, names: Sequence[str]) -> list[tuple[str, float]]:
