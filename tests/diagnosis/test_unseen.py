@@ -210,6 +210,18 @@ def test_dead_reckoning_of_one_output_excuses_no_other_one(angle, twist, reason)
     assert reason in found and bool(reason) == bool(found) and is_clear == (not reason)
 
 
+@pytest.mark.parametrize("speed, is_told", [(0.26, True), (0.95, False)])
+def test_what_is_simulated_far_better_beside_dead_reckoning_tells_a_law(speed, is_told):
+    """A car takes a command late: its speed is simulated far better with that, its heading adds up, and one
+    sample ahead an observer that follows the speed closely is foreseen no better."""
+    before, after = (
+        SimpleNamespace(simulated={"validation": Agreement({"v": 60.0, "psi": 60.0}, errors)})
+        for errors in ({"v": 1.0, "psi": 1.0}, {"v": speed, "psi": 1.3})
+    )
+    found, is_clear, _ = judged([ahead(1.34, -2.1)], before, after, True, holding=("v",))
+    assert is_clear == is_told == (not found)
+
+
 RUB = """
 model Rub
   input Real F;
