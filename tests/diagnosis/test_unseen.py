@@ -210,6 +210,18 @@ def test_dead_reckoning_of_one_output_excuses_no_other_one(angle, twist, reason)
     assert reason in found and bool(reason) == bool(found) and is_clear == (not reason)
 
 
+@pytest.mark.parametrize("speed, is_told", [(0.26, True), (0.95, False)])
+def test_what_is_simulated_far_better_beside_dead_reckoning_tells_a_law(speed, is_told):
+    """A car takes a command late: its speed is simulated far better with that, its heading adds up, and one
+    sample ahead an observer that follows the speed closely is foreseen no better."""
+    before, after = (
+        SimpleNamespace(simulated={"validation": Agreement({"v": 60.0, "psi": 60.0}, errors)})
+        for errors in ({"v": 1.0, "psi": 1.0}, {"v": speed, "psi": 1.3})
+    )
+    found, is_clear, _ = judged([ahead(1.34, -2.1)], before, after, True, holding=("v",))
+    assert is_clear == is_told == (not found)
+
+
 RUB = """
 model Rub
   input Real F;
@@ -344,6 +356,17 @@ def test_constant_load_of_every_recording_is_no_law():
     assert judged([ahead(0.9, 1.5)], fit_with(1.0), whole, False)[0] != ""
     assert judged([ahead(0.9, 1.5)], fit_with(1.0), whole, False, steady=steady)[0] == ""
     assert "1.2 times worse" in judged([ahead(1.2, -4.0)], fit_with(1.0), whole, False, steady=steady)[0]
+
+
+@pytest.mark.parametrize("own, is_refused", [(1.0, False), (2.3, True)])
+def test_a_constant_load_excuses_nothing_that_a_law_costs_its_own_recordings(own, is_refused):
+    """Of five thermometers along a rod one reads too low. That another reads too high a constant
+    heat flow into each piece of the rod excuses, but it simulates the others worse in its own recordings."""
+    before, after = fit_with(1.0), fit_with(2.3)
+    before.simulated["estimation"] = Agreement({}, {"y": 1.0})
+    after.simulated["estimation"] = Agreement({}, {"y": own})
+    found, _, _ = judged([ahead(0.8, 5.0)], before, after, False, steady=0.87)
+    assert bool(found) == is_refused
 
 
 ROOM = """model Room
