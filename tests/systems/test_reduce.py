@@ -25,7 +25,7 @@ from daest.modelica.guesses import begun_as_recorded
 from daest.systems.linearize import linearize
 from daest.systems.noise import noise_report
 from daest.systems.reduce import chosen_states, reduce_index
-from daest.systems.simulate import _from_sample_to_sample
+from daest.systems.simulate import _from_sample_to_sample, simulate
 
 MODELS = {
     "servo": lambda: servo(with_noise=True),
@@ -472,3 +472,11 @@ def test_a_recording_tells_which_solution_of_a_loop_is_meant():
     columns = (np.full((3, 1), 39.0), np.array([[np.nan, 0.12], [5.2, 0.12], [5.2, 0.12]]))
     recording = Experiment("run", np.arange(3.0), *columns, flat.input_names, flat.output_names)
     assert _flow(begun_as_recorded(flat, [recording])) == pytest.approx(5.206, abs=0.01)
+
+
+def test_solutions_of_a_loop_follow_a_jump_of_an_input():
+    """From 25 bar the iteration at 49 bar arrives at the other solution, were it not led there."""
+    flat = compile_text(MEMBRANE.format(start=", start=4").encode(), Path("Membrane.mo"))
+    p = np.repeat([25.0, 49.0, 25.0], 4)[:, None]
+    found = simulate(flat, (np.arange(12.0), p), hold="zoh")["q"]
+    assert found == pytest.approx(np.repeat([2.566, 7.101, 2.566], 4), abs=0.01)
