@@ -2,18 +2,22 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from daest.diagnosis import course
 from daest.diagnosis.candidates import pairs
 from daest.diagnosis.diagnose import diagnose
-from daest.diagnosis.late_signals import late_responses, late_signals
+from daest.diagnosis.late_signals import _chosen, late_responses, late_signals
 from daest.diagnosis.loads import load_sites
 from daest.diagnosis.null import fit_null
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screen import run_null
+from daest.diagnosis.trials import Trial
+from daest.model.diagnosis import Screen, Screened
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 from daest.modelica.effects import effect_library, find_effect
@@ -56,8 +60,12 @@ def recorded(lag: float = 0.0, wall: float = 0.0, sensor: float = 0.0, n: int = 
     return Experiment("run", time, inputs, told[:, None], ("P", "Ta"), ("y",))
 
 
+def _room():
+    return compile_text(ROOM, Path("Room.mo"))
+
+
 def null_of(record: Experiment):
-    flat = compile_text(ROOM, Path("Room.mo"))
+    flat = _room()
     return fit_null(flat, load_sites(flat), [record], "zoh")
 
 
@@ -137,3 +145,32 @@ def test_late_heater_and_the_wall_are_found_beside_each_other():
     wall = found_at[f"{accepted['ExtraHeatCapacity at 0:T'].candidate.name}.G"]
     assert abs(lag.value - 700.0) < 3 * lag.std_error < 5.0
     assert abs(wall.value - 150.0) < 3 * wall.std_error < 1.0
+
+
+def test_a_lag_is_tried_once_where_its_largest_response_is_none_of_a_late_signal():
+    """Of a slow signal a little of a response to much may lead: that time is no trial besides."""
+    (lag,) = pairs([find_effect("Signals.Lag")], [one for one in sites(_room()) if one.name == "P"])
+    shaped = [replace(lag, name=f"{lag.name}_{i}") for i in (1, 2, 3)]
+    times, shares = {shaped[0].name: 9600.0, shaped[1].name: 600.0, shaped[2].name: 300.0}, (0.02, 0.9, 0.9)
+    entries = [
+        Screened(one, 9.0, (share,), 0.0, False, 0.1) for one, share in zip(shaped, shares, strict=True)
+    ]
+    found = Screen(tuple(entries), np.eye(3), 0.0, 3, ())
+    chosen = _chosen(found, {name: Trial(lag, (T,), ()) for name, T in times.items()})
+    assert [trial.sizes for trial in chosen.lags] == [(600.0,)] and not chosen.dead_times
+
+
+@pytest.mark.parametrize(("law", "n_tried"), [("Lag", 1), ("Delay", 0)])
+def test_an_accepted_lag_is_asked_against_the_dead_time_at_its_signal(monkeypatch, law, n_tried):
+    candidates = pairs([find_effect(f"Signals.{name}") for name in ("Lag", "Delay")], sites(_room()))
+    accepted = next(one for one in candidates if one.label == f"{law} at P")
+    best = SimpleNamespace(candidate=accepted, sizes=(700.0,))
+    for name, made in (("ranked", lambda proofs: proofs), ("best_accepted", lambda _: best)):
+        monkeypatch.setattr(course, name, made)
+    asked = []
+    stages = SimpleNamespace(prepared=asked.extend, proved=lambda _, proofs: ((), ()))
+    one = object.__new__(course.Course)
+    object.__setattr__(one, "candidates", candidates)
+    object.__setattr__(one, "options", DiagnoseOptions())
+    assert one._with_dead_time_for_lag(stages, [best]) == [best]
+    assert [(trial.candidate.label, trial.sizes) for trial in asked] == [("Delay at P", (700.0,))] * n_tried

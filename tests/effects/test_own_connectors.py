@@ -159,3 +159,46 @@ def test_levels_of_own_connectors_may_be_in_any_unit_of_length(tmp_path):
     assert 0.1 < first[-1] < 0.25
     for course, scale in ((written, 1.0), (other, 100.0), (other_written, 100.0)):
         assert course == pytest.approx(scale * first, rel=1e-5)
+
+
+PRESS = """
+package P
+  connector Oil Real p(unit = "bar"); flow Real q(unit = "l/min"); end Oil;
+  model Pump Oil a; input Real q(unit = "l/min"); equation a.q = -q; end Pump;
+  model Ram "A mass behind a port of oil"
+    Oil a;
+    Real s(unit = "m", start = 0, fixed = true);
+    Real v(unit = "m/s", start = 0, fixed = true);
+    Real p(unit = "bar", start = 1, fixed = true);
+  equation
+    der(s) = v;
+    300*der(v) = 200*p - 1e5*s - 8000*v;
+    1e-4*der(p) = a.q/6e4 - 2e-3*v;
+    a.p = p;
+  end Ram;
+  model Press
+    input Real q(unit = "l/min");
+    output Real s(unit = "m") = ram.s;
+    Pump pump(q = q);
+    Ram ram;
+  equation
+    connect(pump.a, ram.a);
+  end Press;
+end P;
+"""
+
+
+def test_mass_inside_of_a_component_of_another_domain_is_a_place(tmp_path):
+    """Its oil is reached by the connector, and is no place a second time."""
+    (tmp_path / "P.mo").write_text(PRESS)
+    flat, load = compile_model(tmp_path / "P.mo", "P.Press"), find_effect("Translational.ConstantLoad")
+    assert [(one.kind, one.name) for one in sites(flat) if one.domain != "signal"] == [
+        ("node", "ram.a"),
+        ("equation", "2:ram.v"),
+    ]
+    site = find_site(flat, "ram.v", load)
+    attached = attach(flat, load, site, values={"f_0": 500.0})
+    time, u = np.linspace(0.0, 2.0, 21), np.zeros((21, 1))
+    s = [simulate(model, (time, u)).outputs[-1, 0] for model in (flat, attached)]
+    # The oil is closed in: 500 N move the mass against 1e5 N/m of the spring and 4e3 N/m of the oil.
+    assert s[0] - s[1] == pytest.approx(500.0 / 104_000.0, rel=1e-3)

@@ -129,6 +129,20 @@ CASES = {
         "`sped`",
         "`speed`",
     ),
+    "constant of the standard library": (
+        "model M\n Real x;\nequation\n x = 2*Modelica.Constants.pi;\nend M;",
+        "model-unknown-name",
+        (4, 8),
+        "`Modelica.Constants.pi`",
+        "Write `Daest.Constants.pi`, which daest brings",
+    ),
+    "function that the language has": (
+        "model M\n Real x;\nequation\n x = Modelica.Math.sin(time);\nend M;",
+        "model-unknown-name",
+        (4, 6),
+        "`Modelica.Math.sin`",
+        "Write `sin`, which the language has",
+    ),
     "type": ('model M\n Real x;\nequation\n x = "a";\nend M;', "model-type", (4, 2), "String", "same type"),
     "delay": (
         "model M\n Real x, y;\nequation\n x = time;\n y = delay(x, x);\nend M;",

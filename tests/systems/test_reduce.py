@@ -18,12 +18,14 @@ from dae_models import (
 )
 
 from daest.errors import ModelError
+from daest.model.experiment import Experiment
 from daest.model.parts import NoiseInput
 from daest.modelica.compile import compile_text
+from daest.modelica.guesses import begun_as_recorded
 from daest.systems.linearize import linearize
 from daest.systems.noise import noise_report
 from daest.systems.reduce import chosen_states, reduce_index
-from daest.systems.simulate import _from_sample_to_sample
+from daest.systems.simulate import _from_sample_to_sample, simulate
 
 MODELS = {
     "servo": lambda: servo(with_noise=True),
@@ -435,3 +437,46 @@ def test_a_division_by_an_unknown_without_a_start_value_is_reduced():
     """The start value zero is no point of the model; its structure is seen beside it."""
     flat = compile_text(COIL.replace("mu(start = 1)", "mu").encode(), Path("Coil.mo"))
     assert reduce_index(flat).largest_loop == 2
+
+
+MEMBRANE = """model Membrane "Of the two flows that its equations allow one goes backwards"
+  input Real p(unit="bar");
+  output Real q(unit="l/min"{start}) "Water";
+  output Real c(unit="g/l") "Its salt";
+  Real V(unit="l", start=0, fixed=true);
+equation
+  q = 0.19*(p - 0.78*(15 - c));
+  q*c = 0.041*(15 - c);
+  der(V) = q;
+end Membrane;
+"""
+
+
+def _flow(flat):
+    explicit = reduce_index(flat)
+    at = [*(np.zeros(explicit.variables.numel_in(i)) for i in range(6))]
+    at[1] = np.array([39.0])
+    at[4] = flat.theta_values
+    return float(np.array(explicit.variables(*at))[flat.unknown_names.index("q")].item())
+
+
+def test_the_start_of_an_unknown_tells_which_solution_of_a_loop_is_meant():
+    assert _flow(
+        compile_text(MEMBRANE.format(start=", start=4").encode(), Path("Membrane.mo"))
+    ) == pytest.approx(5.206, abs=0.01)
+
+
+def test_a_recording_tells_which_solution_of_a_loop_is_meant():
+    flat = compile_text(MEMBRANE.format(start="").encode(), Path("Membrane.mo"))
+    assert _flow(flat) < 0
+    columns = (np.full((3, 1), 39.0), np.array([[np.nan, 0.12], [5.2, 0.12], [5.2, 0.12]]))
+    recording = Experiment("run", np.arange(3.0), *columns, flat.input_names, flat.output_names)
+    assert _flow(begun_as_recorded(flat, [recording])) == pytest.approx(5.206, abs=0.01)
+
+
+def test_solutions_of_a_loop_follow_a_jump_of_an_input():
+    """From 25 bar the iteration at 49 bar arrives at the other solution, were it not led there."""
+    flat = compile_text(MEMBRANE.format(start=", start=4").encode(), Path("Membrane.mo"))
+    p = np.repeat([25.0, 49.0, 25.0], 4)[:, None]
+    found = simulate(flat, (np.arange(12.0), p), hold="zoh")["q"]
+    assert found == pytest.approx(np.repeat([2.566, 7.101, 2.566], 4), abs=0.01)

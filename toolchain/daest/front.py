@@ -44,6 +44,7 @@ from daest.model.noise import NoiseReport
 from daest.modelica.change import with_outputs, with_values
 from daest.modelica.clock import model_clock
 from daest.modelica.effects import effect_library
+from daest.modelica.guesses import begun_as_recorded
 from daest.near import near_names
 from daest.systems import linearize as linearizing
 from daest.systems import simulate as simulating
@@ -92,7 +93,7 @@ class Source:
         its outputs. Raises DataError."""
         sources = _each(data)
         if sources and all(isinstance(one, Experiment) for one in sources):
-            return flat, sources
+            return begun_as_recorded(flat, sources), sources
         experiments = read_experiments(
             sources,
             [Signal(v.name, v.unit, self.inputs.get(v.name)) for v in flat.inputs],
@@ -104,9 +105,10 @@ class Source:
             clock=model_clock(flat),
         )
         if is_driven:
-            return flat, experiments
+            return begun_as_recorded(flat, experiments), experiments
         names = measured_names(experiments)
-        return with_outputs(flat, names), [select_outputs(e, names) for e in experiments]
+        flat = begun_as_recorded(with_outputs(flat, names), experiments)
+        return flat, [select_outputs(e, names) for e in experiments]
 
 
 def identify(

@@ -28,6 +28,7 @@ from daest.model.experiment import Experiment
 from daest.model.flat import Model
 from daest.modelica.change import with_outputs
 from daest.modelica.clock import model_clock
+from daest.modelica.guesses import begun_as_recorded
 
 
 def training_data(
@@ -146,7 +147,8 @@ def measured_recordings(
     only = Preparation(start=window.start, stop=window.stop)
     experiments = read_experiments(paths, *signals(flat, project), only, **words_of(project, flat))
     names = measured_names(experiments)
-    return with_outputs(flat, names), [select_outputs(experiment, names) for experiment in experiments]
+    flat = begun_as_recorded(with_outputs(flat, names), experiments)
+    return flat, [select_outputs(experiment, names) for experiment in experiments]
 
 
 def words_of(project: Project, flat: Model) -> dict[str, Any]:
@@ -166,4 +168,5 @@ def _measured(flat: Model, experiments: list[Experiment]) -> tuple[Model, list[E
     unseen = [output.name for output in flat.outputs if output.name not in names]
     if unseen:
         note(f"not in the data, and not used: {', '.join(unseen)}")
-    return with_outputs(flat, names), [select_outputs(experiment, names) for experiment in experiments]
+    flat = begun_as_recorded(with_outputs(flat, names), experiments)
+    return flat, [select_outputs(experiment, names) for experiment in experiments]

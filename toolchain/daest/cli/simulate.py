@@ -63,6 +63,7 @@ def command(
     from daest.cli.recordings import driving_data
     from daest.cli.results import find_fit, fitted
     from daest.modelica.clock import model_clock
+    from daest.modelica.guesses import begun_as_recorded
     from daest.report.result_figures import simulation_figure
     from daest.systems.simulate import simulate
 
@@ -77,6 +78,7 @@ def command(
     flat = with_settings(flat, settings)
     inputs = files.recording
     recording = driving_data(flat, project, [inputs] if inputs else [], data_options)[0]
+    flat = begun_as_recorded(flat, [recording])
     chosen = data_options.chosen_hold(project, flat, [recording], fit.document if fit else None)
     with progress() as tell:
         result = simulate(flat, recording, hold=chosen, noise=noise, seed=seed if noise else None, tell=tell)

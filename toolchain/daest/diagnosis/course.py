@@ -11,7 +11,7 @@ from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.dead_times import DELAY
 from daest.diagnosis.disturbance import SmoothedLoad
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.late_signals import late_signals
+from daest.diagnosis.late_signals import LAG, late_signals
 from daest.diagnosis.near_given import fit_near_given
 from daest.diagnosis.null import are_driven_off
 from daest.diagnosis.open_loop import open_screen
@@ -111,6 +111,7 @@ class Course:
         proofs = self._with_other_forms(stages, proofs)
         proofs = self._with_storage(stages, proofs)
         proofs = self._with_lag_told_apart(stages, proofs)
+        proofs = self._with_dead_time_for_lag(stages, proofs)
         proofs = stages.shown_in_use(proofs)
         proofs = self._with_leaders_in_use(stages, proofs)
         proofs = self._with_leaders_near_given(proofs)
@@ -267,15 +268,28 @@ class Course:
         lag = shortest_lag(proofs)
         if lag is None or best_accepted(ranked(proofs)) is not None or self.options.is_over:
             return proofs
-        late = [
-            Trial(one, lag.sizes, ())
-            for one in self.candidates
-            if one.effect.class_name == DELAY and one.site == lag.candidate.site
-        ]
+        late = self._dead_times_for(lag)
         untried = _untried(late, [proof.candidate for proof in proofs])
         every = [*proofs, *stages.proved(stages.prepared(untried), ())[0]]
         told = told_apart(lag, [p for p in every if any(is_same(one, p.candidate) for one in late)])
         return [told if p is lag else p for p in every]
+
+    def _with_dead_time_for_lag(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
+        """All laws, with the dead time at the signal of an accepted lag: the innovations, which are asked at
+        a few times only, may show more of a lag where it is a dead time between these."""
+        best = best_accepted(ranked(proofs))
+        if best is None or best.candidate.effect.class_name != LAG or self.options.is_over:
+            return proofs
+        untried = _untried(self._dead_times_for(best), [proof.candidate for proof in proofs])
+        return [*proofs, *stages.proved(stages.prepared(untried), proofs)[0]]
+
+    def _dead_times_for(self, lag: Proof) -> list[Trial]:
+        """The dead time at the signal of a lag, from the time of that."""
+        return [
+            Trial(one, lag.sizes, ())
+            for one in self.candidates
+            if one.effect.class_name == DELAY and one.site == lag.candidate.site
+        ]
 
     def _with_leaders_in_use(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with those that lead the screen in open loop and that a simulation shows, where nothing

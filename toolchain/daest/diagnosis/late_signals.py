@@ -94,7 +94,7 @@ def _chosen(found: Screen, trial_of: Mapping[str, Trial]) -> LateSignals:
         own = [j for j, other in enumerate(found.entries) if other.candidate.site == entry.candidate.site]
         alike = [j for j in range(len(kinds)) if _is_alike(found, i, j)]
         taken.update(own, alike)
-        lag = next((j for j in own if kinds[j] == LAG), i)
+        lag = i if kinds[i] == LAG else next((j for j in own if kinds[j] == LAG), i)
         for j in dict.fromkeys((lag, i)):
             trial = trial_of[found.entries[j].candidate.name]
             places = {

@@ -32,7 +32,7 @@ def prior_unused(name: str) -> EstimationError:
 @dataclass(frozen=True)
 class Variable:
     """A scalar unknown or input. `start` is None where the source gives none; `unit` is Modelica's
-    spelling."""
+    spelling; `guess` is what a recording tells of its value, from where loops of equations are solved."""
 
     name: str
     unit: str = ""
@@ -45,6 +45,7 @@ class Variable:
     is_flow: bool = False
     state_select: Literal["never", "avoid", "default", "prefer", "always"] = "default"
     place: Place | None = None
+    guess: float | None = None
 
     @property
     def start_or_zero(self) -> float:

@@ -135,16 +135,17 @@ def needs_position(domain: Domain) -> bool:
 
 
 def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
-    """Rows of the model itself and of components without a connector of a domain (`_open_components`), and
-    `everywhere` of all components and sums of flows, as beside a store `der(w.S) = w.q` whose flow is the
-    rate itself, that hold the rate of an unknown and more than that. What events assign has no balance: it
-    stands still between them. Nor has a row that gives a reading alone of a rate that another row balances,
-    as `acc = der(v)/9.81` does. Of several rates in one row those are left out that another row needs
-    (`_of_own_rows`)."""
+    """Rows of the model itself, of components without a connector of a domain (`_open_components`) and of
+    another domain than the connectors of their component (`_is_within`), and `everywhere` of all components
+    and sums of flows, as beside a store `der(w.S) = w.q` whose flow is the rate itself, that hold the rate of
+    an unknown and more than that. What events assign has no balance: it stands still between them. Nor has a
+    row that gives a reading alone of a rate that another row balances, as `acc = der(v)/9.81` does. Of
+    several rates in one row those are left out that another row needs (`_of_own_rows`)."""
     kinds = ("component", "flow") if everywhere else ("component",)
     laws = [i for i, e in enumerate(flat.equations) if e.kind in kinds]
-    of_own = _open_components(flat)
-    rows = [i for i in laws if everywhere or (flat.equations[i].origin or "") in of_own]
+    is_open, joined = _open_components(flat), _joined_domains(flat)
+    places = is_open | joined.keys()
+    rows = [i for i in laws if everywhere or (flat.equations[i].origin or "") in places]
     if not rows:
         return []
     slopes = slopes_near_start(flat)
@@ -163,6 +164,8 @@ def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
             if variable not in assigned:
                 sign = float(np.sign(slopes[row, rate]))
                 found.append(Balance(row, variable, sign, positions.get(variable, -1), rate))
+    if not everywhere:
+        found = [one for one in found if _is_within(flat, one, joined)]
     readings = _readings(slopes)
     moved = {one.variable for one in found if one.row not in readings}
     return _of_own_rows([one for one in found if one.row not in readings or one.variable not in moved])
@@ -172,9 +175,31 @@ def _open_components(flat: FlatModel) -> set[str]:
     """The model itself, "", and the components that no connector of a domain stands for, as those with
     connectors of the user's own whose potential is a speed, or in bar: nothing can be connected to them, and
     their equations are places as those of the model are. Not what was attached to the model."""
+    return (_own_components(flat) - _joined_domains(flat).keys()) | {""}
+
+
+def _own_components(flat: FlatModel) -> set[str]:
+    """The components that have equations, without what was attached to the model."""
     origins = {e.origin or "" for e in flat.equations if e.kind == "component"}
-    joined = {one.component for one in connectors_of(flat.unknowns).values()}
-    return {name for name in origins - joined if name.partition(".")[0] not in flat.attached} | {""}
+    return {name for name in origins if name.partition(".")[0] not in flat.attached}
+
+
+def _joined_domains(flat: FlatModel) -> dict[str, set[Domain]]:
+    """The components with connectors of a domain, each with the domains of these."""
+    joined: dict[str, set[Domain]] = {}
+    own = _own_components(flat)
+    for connector in connectors_of(flat.unknowns).values():
+        if connector.component in own - {""}:
+            joined.setdefault(connector.component, set()).add(connector.domain)
+    return joined
+
+
+def _is_within(flat: FlatModel, balance: Balance, joined: Mapping[str, set[Domain]]) -> bool:
+    """Whether nothing reaches the balance but its own equation: that of a component, `joined` by connectors,
+    in a domain that these do not have, as the moving mass of a ram behind its port of oil."""
+    connected = joined.get(flat.equations[balance.row].origin or "")
+    domain = balance.domain(flat)
+    return connected is None or (domain is not None and domain not in connected)
 
 
 def _of_own_rows(found: Sequence[Balance]) -> list[Balance]:

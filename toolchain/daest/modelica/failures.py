@@ -26,6 +26,10 @@ from daest.modelica.outline import (
 from daest.near import did_you_mean, near_names
 
 STANDARD = "Modelica."  # how names of the Modelica Standard Library begin
+# Functions of Modelica.Math that the language has under the same name.
+BUILT_IN = frozenset(
+    ["sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "log", "log10"]
+)
 MOST_EXPECTED = 8  # words of the parser that are passed on
 
 _BALANCE = re.compile(r"unbalanced model: (\d+) equations, (\d+) unknowns")
@@ -487,8 +491,10 @@ def _unknown(message: str, path: Path, text: bytes, class_name: str) -> ModelErr
     for phrase in ("unresolved component", "unresolved function"):
         if phrase in message:
             name = _name_after(phrase, message)
-            near = _near(name, sorted({token.text for token in tokens(text) if token.kind == "name"}))
-            remedy = "Declare it, or check its spelling."
+            own = _own_name(imported(list(tokens(text)), name))
+            names = sorted({token.text for token in tokens(text) if token.kind == "name"})
+            near = [] if own else _near(name, names)
+            remedy = own or "Declare it, or check its spelling."
             return _not_known("model-unknown-name", "name", name, near, remedy, path, text)
     return None
 
@@ -499,6 +505,9 @@ def _own_name(name: str) -> str:
     if not name.startswith(STANDARD):
         return ""
     elsewhere = "give the folder of the Modelica Standard Library by -L or MODELICAPATH"
+    within, _, last = name.rpartition(".")
+    if within == "Modelica.Math" and last in BUILT_IN:
+        return f"Write `{last}`, which the language has, or {elsewhere}."
     own = "Daest." + name.removeprefix(STANDARD).replace("SIunits.", "Units.SI.")
     near = [own] if _is_in_library(own) else _library_neighbours(own)
     if not near:

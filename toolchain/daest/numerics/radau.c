@@ -42,6 +42,8 @@
 #define FEW_STATES 16
 #define SAME_STEP 1e-9 /* difference of two steps, relative: that of a time grid by rounding */
 #define KNOWN_STEPS 16 /* lengths of steps whose inverses are kept */
+#define MOST_PARTS 64 /* of the way on which tears follow a jump of the inputs */
+#define SAME_TEARS 1e-6 /* difference of tears, relative, by which two solutions are one */
 #define LEAST_GAP 1e-4 /* of an inverse that is changed in one row: below it, four digits would be lost */
 
 enum {
@@ -128,6 +130,28 @@ static int rates_at(Model *m, const double *x, const double *u, double t, double
   if (!status && all_finite(m->found, NT)) memcpy(m->tears, m->found, sizeof m->tears);
   return status;
 }
+
+#if NT > 0
+/* The tears m->tears at the inputs `u`, once at `u_old`, along the straight way between them: an iteration that jumps
+ * with the inputs may arrive at another of several solutions. The way is parted in 1, 2, 4, … until two agree; f (NX) is
+ * scratch. */
+static void follow_jump(Model *m, const double *x, const double *u_old, const double *u, double t, double *f) {
+  double start[NT], before[NT], way[NU + 1];
+  memcpy(start, m->tears, sizeof start);
+  for (int parts = 1; parts <= MOST_PARTS; parts *= 2) {
+    int agree = parts > 1;
+    memcpy(before, m->tears, sizeof before);
+    memcpy(m->tears, start, sizeof start);
+    for (int i = 1; i <= parts; ++i) {
+      double r = (double)i / parts;
+      for (int q = 0; q < NU; ++q) way[q] = i == parts ? u[q] : u_old[q] + r * (u[q] - u_old[q]);
+      rates_at(m, x, way, t, f, 0);
+    }
+    for (int j = 0; j < NT; ++j) agree &= fabs(m->tears[j] - before[j]) <= SAME_TEARS * (1.0 + fabs(before[j]));
+    if (agree) return;
+  }
+}
+#endif
 
 /* row -= factor * top from the column `from` on, to the end of rows of `size` numbers; a few columns before it may
  * change, too. */
@@ -1343,6 +1367,15 @@ static int run(long n, const double *time, const double *u0, const double *u1, c
 #endif
     for (long i = 0; i < n && status == DONE; ++i) {
       memcpy(states + i * NX, k->x, sizeof(double) * NX);
+#if NT > 0
+      const double *now = i + 1 < n ? u0 + i * NU : u_last, *old = u1 + (i > 0 ? i - 1 : 0) * NU;
+      int leapt = 0;
+      for (int q = 0; q < NU; ++q) leapt |= i > 0 && now[q] != old[q];
+      if (leapt) {
+        follow_jump(&m, k->x, old, now, time[i], k->f0);
+        memcpy(k->tears, m.tears, sizeof m.tears);
+      }
+#endif
       if (seen) memcpy(seen + i * NT, m.tears, sizeof(double) * NT);
       measure(k, &m, i + 1 < n ? u0 + i * NU : u_last, time[i], y ? y + i * NY : 0,
               gain ? gain + i * gain_stride : 0, S, directions, predicted + i * NY,

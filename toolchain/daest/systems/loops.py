@@ -84,15 +84,16 @@ class Definitions:
 class Equations:
     """Square system 0 = residual(z; known, theta), its Jacobian in z and facts about the Jacobian's entries.
 
-    `sample` are values of (z, known, theta). `values` are the entries there; `entry` numbers them from 1;
-    `reach` (n_entries, n_z) tells which unknowns an entry depends on, `varying` whether it depends on more
-    than theta."""
+    `sample` are values of (z, known, theta), `values` the entries there, `begin` values of z from which loops
+    are solved; `entry` numbers the entries from 1; `reach` (n_entries, n_z) tells which unknowns an entry
+    depends on, `varying` whether it depends on more than theta."""
 
     residual: ca.SX
     z: ca.SX
     known: ca.SX
     theta: ca.SX
     sample: tuple[np.ndarray, np.ndarray, np.ndarray]
+    begin: np.ndarray
     entries: list[Any]
     values: sp.csr_array
     entry: sp.csr_array
@@ -114,10 +115,15 @@ class Around:
 
 
 def equations_at(
-    residual: ca.SX, z: ca.SX, known: ca.SX, theta: ca.SX, sample: tuple[np.ndarray, np.ndarray, np.ndarray]
+    residual: ca.SX,
+    z: ca.SX,
+    known: ca.SX,
+    theta: ca.SX,
+    sample: tuple[np.ndarray, np.ndarray, np.ndarray],
+    begin: np.ndarray | None = None,
 ) -> Equations:
-    """The system with its Jacobian differentiated and evaluated at the sample point. Shapes: the point is z
-    (n,), known (n_known,), theta (n_theta,)."""
+    """The system with its Jacobian differentiated and evaluated at the sample point; its loops are solved
+    from `begin` (n,), else from there. Shapes: the point is z (n,), known (n_known,), theta (n_theta,)."""
     jacobian = sparse_jacobian(residual, z)
     rows, columns = (np.array(part, dtype=int) for part in jacobian.sparsity().get_triplet())
     entries: list[Any] = jacobian.nonzeros()
@@ -128,7 +134,8 @@ def equations_at(
     varying = (np.diff(reach.indptr) > 0) | (np.diff(_dependence(stacked, known).indptr) > 0)
     values = _explicit_entries(numbers, rows, columns, shape)
     entry = _explicit_entries(np.arange(1, numbers.size + 1), rows, columns, shape)
-    return Equations(residual, z, known, theta, sample, entries, values, entry, reach, varying)
+    start = sample[0] if begin is None else begin
+    return Equations(residual, z, known, theta, sample, start, entries, values, entry, reach, varying)
 
 
 def _dependence(expression: ca.SX, symbols: ca.SX) -> sp.csr_array:
@@ -307,7 +314,7 @@ def _factor_operations(pattern: ca.Sparsity) -> int:
 
 
 def _implicit(equations: Equations, tears: ca.SX, core: ca.SX, is_linear: bool) -> ImplicitLoop:
-    guess = equations.evaluate(tears).ravel()
+    guess = np.asarray(ca.Function("begin", [equations.z], [tears])(equations.begin)).ravel()
     size = np.abs(equations.evaluate(ca.jacobian(core, tears))) @ np.maximum(np.abs(guess), 1.0)
     row_size = np.where(np.isfinite(size) & (size > 0), size, 1.0)
     return ImplicitLoop(tears, core, guess, row_size, is_linear)

@@ -6,7 +6,7 @@ The functions of an explicit model, from the solved definitions of its variables
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
 from itertools import pairwise
@@ -17,6 +17,7 @@ import numpy as np
 
 from daest.errors import ModelError
 from daest.model.flat import Dynamics, ExplicitModel, FlatModel, InputDerivative, Model
+from daest.systems.algebraic_start import agreed_start
 from daest.systems.expand import (
     Differentiations,
     ExpandedSystem,
@@ -158,7 +159,8 @@ def _solve(
             theta[steady],
         )
 
-    equations = equations_at(system.residual, z, known, tunable, values(point))
+    begin = _begun_at(system, solved, point)
+    equations = equations_at(system.residual, z, known, tunable, values(point), begin)
     small = [i for i, p in enumerate(system.flat.parameters) if p.name in first_order]
     around = Around(entries_of(system.flat.theta, small), system.flat.theta_values[small])
     try:
@@ -166,11 +168,43 @@ def _solve(
     except DependentEquations as error:
         if not np.any(equations.varying):
             raise singular_after_reduction(system, [system.rows[r] for r in error.rows]) from error
-        elsewhere = equations_at(system.residual, z, known, tunable, values(nudged(point)))
+        elsewhere = equations_at(system.residual, z, known, tunable, values(nudged(point)), begin)
         try:
             return solve_blocks(equations, elsewhere.values, around)
         except DependentEquations as generic:
             raise singular_after_reduction(system, [system.rows[r] for r in generic.rows]) from generic
+
+
+def _begun_at(system: ExpandedSystem, solved: Sequence[tuple[int, int]], point: SamplePoint) -> np.ndarray:
+    """Values (n,) of the solved symbols from which loops are solved: those of the sample point, but of an
+    unknown that occurs nowhere differentiated the start value that the model gives, else what follows from
+    the beginning of a recording.
+
+    Of the several solutions that a loop may have, these tell which is meant. The sample point, where inputs
+    without a start are 0, may lie on another: a membrane without pressure lets water back."""
+    levels = {j for j, k in solved if k > 0}
+    starts = [None if j in levels else v.start for j, v in enumerate(system.aliases.variables)]
+    recorded = _recorded_point(system, point)
+    return np.array(
+        [starts[j] if starts[j] is not None else recorded[j] if k == 0 else point.z[k, j] for j, k in solved],
+        dtype=float,
+    )
+
+
+def _recorded_point(system: ExpandedSystem, point: SamplePoint) -> np.ndarray:
+    """Values (n,) of the kept unknowns at the beginning of a recording, as far as they follow one by one from
+    what it tells of inputs and unknowns; the others, and all without a recording, as at the sample point."""
+    flat, aliases = system.flat, system.aliases
+    guesses = np.array([np.nan if v.guess is None else v.guess for v in flat.unknowns])
+    differentiated = ca.jacobian_sparsity(flat.residual, flat.derivatives).get_col()
+    guesses[differentiated] = np.nan
+    is_told = np.isfinite(guesses)
+    if not np.any(is_told):
+        return point.z[0]
+    xi = np.where(is_told, guesses, aliases.sign * point.z[0, aliases.slot])
+    u = np.array([v.start_or_zero if v.guess is None else v.guess for v in flat.inputs])
+    values = agreed_start(flat, xi, u, 0.0, is_told)[aliases.kept_unknowns]
+    return np.where(np.isfinite(values), values, point.z[0])
 
 
 NEWTON_STEPS = 50
