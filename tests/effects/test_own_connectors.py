@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from effect_rig import characteristic
 
 from daest.errors import ModelError
 from daest.modelica.attach import attach
@@ -111,8 +112,16 @@ def test_body_whose_connector_has_a_speed_is_a_place(path):
     assert site.kind == "equation" and site.name.endswith(":drum.w")
     attached = attach(leaking, load, find_site(leaking, "drum.w", load), values={"tau_0": 2.0})
     assert settled(attached) == pytest.approx(expected(LEAK_IN_UNITS, 2.0), rel=1e-6)
-    with pytest.raises(ModelError, match="lies inside of the component `drum`"):
-        extend_model(path, "P.Drive", load, find_site(flat, "drum.w", load))
+    written = extend_model(path, "P.Drive", load, find_site(flat, "drum.w", load), values={"tau_0": 2.0})
+    assert settled(written.flat) == pytest.approx(expected(0.0, 2.0), rel=1e-6)
+
+
+def test_balance_that_lies_deeper_is_not_reached(path):
+    deeper = MODEL.replace("end P;", "  model Plant\n    Drive drive(q = 10);\n  end Plant;\nend P;")
+    path.write_text(deeper)
+    flat, load = compile_model(path, "P.Plant"), find_effect("Rotational.ConstantLoad")
+    with pytest.raises(ModelError, match=r"lies inside of the component `drive\.drum`"):
+        extend_model(path, "P.Plant", load, find_site(flat, "drive.drum.w", load))
 
 
 TANKS = """
@@ -202,3 +211,39 @@ def test_mass_inside_of_a_component_of_another_domain_is_a_place(tmp_path):
     s = [simulate(model, (time, u)).outputs[-1, 0] for model in (flat, attached)]
     # The oil is closed in: 500 N move the mass against 1e5 N/m of the spring and 4e3 N/m of the oil.
     assert s[0] - s[1] == pytest.approx(500.0 / 104_000.0, rel=1e-3)
+
+
+RAMS = PRESS.replace("    Ram ram;\n", "    Ram ram;\n    Ram other;\n").replace(
+    "connect(pump.a, ram.a);", "connect(pump.a, ram.a);\n    connect(pump.a, other.a);"
+)
+PAIR = RAMS.replace("Ram ram;\n    Ram other;", "Ram ram[2];").replace("ram.a", "ram[1].a")
+PAIR = PAIR.replace("other.a", "ram[2].a").replace("ram.s", "ram[1].s")
+
+
+@pytest.mark.parametrize(
+    ("text", "places"),
+    [
+        (PRESS, ("ram.v",)),
+        (RAMS, ("other.v",)),
+        (RAMS, ("ram.v", "other.v")),
+        (PAIR, ("ram[2].v",)),
+        (PAIR, ("each ram[i].v",)),
+    ],
+)
+def test_balances_inside_of_components_are_written_into_their_class(tmp_path, text, places):
+    file, effect = tmp_path / "P.mo", find_effect("Translational.ReturnSpring")
+    file.write_text(text)
+    name, flat = "P.Press", compile_model(file, "P.Press")
+    merged = flat
+    for place in places:
+        site = find_site(merged, place, effect)
+        merged = attach(merged, effect, site, values={"c": 3e4})
+        made = extend_model(
+            file, name, effect, find_site(compile_model(file, name), place, effect), None, {"c": 3e4}
+        )
+        name = made.class_name
+        file.write_text(made.text)
+    assert made.text.count("Daest.Terms.Force") == 1
+    assert characteristic(made.flat) == pytest.approx(characteristic(merged), rel=1e-6)
+    again = extend_model(file, name, effect, find_site(made.flat, "ram.v", effect)) if text is PRESS else made
+    assert again.text.count("Daest.Terms.Force") == 1

@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
-from daest.modelica.connectors import LEVEL, connectors_of
+from daest.modelica.connectors import LEVEL, connectors_of, outside_of_term
 from daest.numerics.matching import maximum_matching
 from daest.quantities import Conversion, conversion, converts, dimensions, is_of, parse_unit
 
@@ -185,11 +185,14 @@ def _own_components(flat: FlatModel) -> set[str]:
 
 
 def _joined_domains(flat: FlatModel) -> dict[str, set[Domain]]:
-    """The components with connectors of a domain, each with the domains of these."""
+    """The components with connectors of a domain, each with the domains of these; those that a class has
+    outside of its terms do not count: its balance is the place that they belong to."""
     joined: dict[str, set[Domain]] = {}
     own = _own_components(flat)
-    for connector in connectors_of(flat.unknowns).values():
-        if connector.component in own - {""}:
+    known = connectors_of(flat.unknowns)
+    of_terms = {outside_of_term(name) for name in known}
+    for name, connector in known.items():
+        if connector.component in own - {""} and name not in of_terms:
             joined.setdefault(connector.component, set()).add(connector.domain)
     return joined
 

@@ -112,6 +112,16 @@ def connectors_of(unknowns: Sequence[Variable]) -> dict[str, Connector]:
     return found
 
 
+def outside_of_term(end: str) -> str:
+    """The connector of a class that stands for that of one of its terms.
+
+    >>> outside_of_term("ram.v_term.flange")
+    'ram.v_term_flange'
+    """
+    term, _, connector = end.rpartition(".")
+    return f"{term}_{connector}"
+
+
 def without_empty_members(source: s.FlatSource) -> s.FlatSource:
     """The source without members of expandable connectors that are connected to each other alone."""
     members = {x.name for x in source.variables if x.is_bus_member and x.binding is None}

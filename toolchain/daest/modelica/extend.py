@@ -579,7 +579,8 @@ def _opened_balance(original: _Original, place: str, domain: Domain) -> tuple[_O
     """The model with a connector at a bare equation, and that connector."""
     flat = original.flat
     balance = next(b for b in balances(flat) if b.name(flat) == place)
-    if owner := flat.equations[balance.row].origin:
+    owner = flat.equations[balance.row].origin
+    if "." in owner:
         raise original.refusal(
             f"the equation {flat.equations[balance.row].text} lies inside of the component `{owner}`",
             "Put the effect into the class of the component, or write the balance in the model itself.",
@@ -587,7 +588,7 @@ def _opened_balance(original: _Original, place: str, domain: Domain) -> tuple[_O
     end = term_connector(flat, (balance.row,), domain)
     if end is not None:
         return original, end
-    alone = _with_rows_alone(original, [balance.row])
+    alone = original if owner else _with_rows_alone(original, [balance.row])
     if alone is not original:
         return _opened_for(alone, place, domain)
     with _opening(original, f"the equation {flat.equations[balance.row].text}"):

@@ -13,7 +13,7 @@ from daest.modelica.connectors import NAMES, Connector, flow_scale
 from daest.modelica.outline import class_heads
 from daest.quantities import Conversion
 
-_PORTS: dict[Domain, str] = {
+PORTS: dict[Domain, str] = {
     "rotational": "Daest.Mechanics.Rotational.Interfaces.Flange_b",
     "translational": "Daest.Mechanics.Translational.Interfaces.Flange_b",
     "electrical": "Daest.Electrical.Analog.Interfaces.NegativePin",
@@ -63,7 +63,7 @@ def joint(source: bytes, class_name: str, flat: FlatModel, connector: Connector,
     lines = (
         f'model {kind} "Joins connectors whose variables have other names"',
         f"  {scope} own;",
-        f"  {_PORTS[connector.domain]} port;",
+        f"  {PORTS[connector.domain]} port;",
         "equation",
         f"  port.{wanted} = {own};",
         f"  {entering} + port.{wanted_flow} = 0;",

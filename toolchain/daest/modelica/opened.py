@@ -2,7 +2,8 @@
 extends it can put something in. Nothing in it changes as long as nothing is put in.
 
 - A balance such as `m*der(v) = F - d*v` takes up the sum of what is connected to a component of Daest.Terms:
-  `m*der(v) + v_term.total = F - d*v`; so does an equation `F = c*(s1 - s2)` of a force between bodies.
+  `m*der(v) + v_term.total = F - d*v`; so does an equation `F = c*(s1 - s2)` of a force between bodies. In
+  the class of a component it has a connector of that class, too, which the model can reach.
 - A sum of voltages such as `u = R*i + Ke*w` takes up that over what is put in series: `u = R*i + Ke*w +
   i_term.total`; where `i = (u - Ke*w)/R` is written, `u` becomes `(u - i_term.total)`.
 - The equations use an input through a variable of its own, whose binding an extension replaces.
@@ -23,9 +24,10 @@ from daest.model.parts import Equation, Variable
 from daest.modelica.attach import free_name
 from daest.modelica.balances import Balance, converted_text, in_connectors, needs_position
 from daest.modelica.components import expression_end
-from daest.modelica.connectors import connectors_of
-from daest.modelica.factors import Entry
+from daest.modelica.connectors import connectors_of, outside_of_term
+from daest.modelica.factors import Entry, factor_text, multiplied
 from daest.modelica.internal_forces import InternalForce
+from daest.modelica.joints import PORTS
 from daest.modelica.meshes import Mesh
 from daest.modelica.outline import (
     CLOSE,
@@ -77,13 +79,18 @@ class NotOpened(Exception):
 
 def term_connector(flat: FlatModel, rows: Iterable[int], domain: Domain) -> str | None:
     """The connector of the component of Daest.Terms that stands in these equations already, and in no other
-    one of the model itself."""
+    one of the model itself; of equations of a component that of its own beside it."""
     wanted = set(rows)
-    for end, connector in connectors_of(flat.unknowns).items():
-        total = f"{end.rpartition('.')[0]}.{_TOTAL}"
-        holding = {i for i, e in enumerate(flat.equations) if not e.origin and total in _NAME.findall(e.text)}
+    owner = flat.equations[min(wanted)].origin
+    known = connectors_of(flat.unknowns)
+    for end, connector in known.items():
+        term = end.rpartition(".")[0]
+        total = f"{term}.{_TOTAL}"
+        places = [i for i, e in enumerate(flat.equations) if e.origin == owner]
+        whole = re.compile(rf"(?<![\w.]){re.escape(total)}(?!\w)")
+        holding = {i for i in places if whole.search(flat.equations[i].text)}
         if connector.domain == domain and holding == wanted:
-            return end
+            return outside_of_term(end) if owner else end
     return None
 
 
@@ -92,9 +99,43 @@ def opened_balance(
 ) -> tuple[bytes, str]:
     """The text with a component of Daest.Terms in the equation of `balance`, and the connector of that
     component. Raises NotOpened."""
+    if flat.equations[balance.row].origin:
+        return _opened_inside(source, flat, balance, domain)
     name = free_name(f"{_plain(flat.unknowns[balance.variable].name)}_term", taken)
     entries = (balance_entry(flat, balance, domain),)
     return _with_terms(source, flat, entries, _term(flat, balance, domain, name)), _end(name, domain)
+
+
+def _opened_inside(source: bytes, flat: FlatModel, balance: Balance, domain: Domain) -> tuple[bytes, str]:
+    """As `opened_balance`, of a balance of a component: in its class, with a connector of that, which is left
+    open in all components of the class but one. Raises NotOpened."""
+    owner = flat.equations[balance.row].origin
+
+    def own(text: str) -> str:
+        """What the class itself calls its variables."""
+        return re.sub(rf"(?<![\w.]){re.escape(owner)}\.", "", text)
+
+    variable = own(flat.unknowns[balance.variable].name)
+    name = free_name(f"{_plain(variable)}_term", (own(one) for one in flat.unknown_names))
+    entry, row = balance_entry(flat, balance, domain), _row_at(source, flat, balance.row)
+    factor = factor_text(entry.factor, flat)
+    if factor is None or not row.left or any(not one.startswith(f"{owner}.") for one in _names_in(factor)):
+        raise NotOpened("is a binding, or divided by what the class of its component does not name")
+    outside = outside_of_term(_end(name, domain))
+    line = own(_term(flat, balance, domain, name).line)
+    port = f'{PORTS[domain]} {outside} "Connects to {name}";'
+    mark = "+" if entry.sign > 0 else "-"
+    edits = _with_term(row.left, f"{mark} {multiplied(f'{name}.{_TOTAL}', own(factor))}")
+    start = row.left[0].start
+    before = source[source.rfind(b"\n", 0, start) + 1 : start].decode()
+    behind = " " if before.strip() else f"\n{before}"
+    edits.append(Edit(start, start, f"connect({_end(name, domain)}, {outside});{behind}"))
+    edits.append(_declared(source, row.words, line, port))
+    return edited(source, edits), f"{owner}.{outside}"
+
+
+def _names_in(text: str) -> list[str]:
+    return [name for name in _NAME.findall(text) if name[0].isalpha() or name[0] == "_"]
 
 
 def with_loop_written_out(source: bytes, flat: FlatModel, number: int) -> bytes:
@@ -206,7 +247,8 @@ def _row_at(source: bytes, flat: FlatModel, number: int) -> _Row:
     """The equation of that number in the text. Raises NotOpened."""
     equation = flat.equations[number]
     start = _offset(source, flat, equation.place)
-    alike = [i for i, e in enumerate(flat.equations) if e.place == equation.place]
+    places = [(e.place, e.origin) for e in flat.equations]
+    alike = [i for i, one in enumerate(places) if one == places[number]]
     head, words = _class_at(source, start)
     if len(alike) > 1 and not _is_of_vectors(flat, words, start, number):
         raise NotOpened("stands for several equations (a loop, or an array of more than one index)")
@@ -462,15 +504,15 @@ def _class_at(source: bytes, start: int) -> tuple[ClassHead, list[Token]]:
     raise NotOpened("cannot be found in the text")
 
 
-def _declared(source: bytes, words: Sequence[Token], line: str) -> Edit:
-    """A declaration as the first of the class, behind its name and description."""
+def _declared(source: bytes, words: Sequence[Token], *lines: str) -> Edit:
+    """Declarations as the first of the class, behind its name and description."""
     at = 0
     while at + 1 < len(words) and (words[at + 1].kind == "text" or words[at + 1].text == "+"):
         at += 1
     behind = words[at + 1].start if at + 1 < len(words) else words[at].end
     before = source[source.rfind(b"\n", 0, behind) + 1 : behind].decode()
     indent = "  " if before.strip() else before
-    return Edit(words[at].end, words[at].end, f"\n{indent}{line}")
+    return Edit(words[at].end, words[at].end, "".join(f"\n{indent}{line}" for line in lines))
 
 
 def _begins(words: Sequence[Token], at: int) -> bool:
