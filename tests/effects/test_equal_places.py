@@ -213,6 +213,7 @@ def test_own_connectors_of_arrays_are_joined(tmp_path) -> None:
     flat, effect = compile_model(file, "Plate.Cells"), find_effect("Thermal.HeatLoss")
     made = extend_model(file, "Plate.Cells", effect, find_site(flat, "each cell[i].port", effect))
     assert "connect(heatLoss_joint2.own, cell[3].port);" in made.added
+    assert made.added.count("\n  model ") == 1 and made.added.count("HeatLoss_joint heatLoss_joint") == 3
     assert characteristic(made.flat) == pytest.approx(
         characteristic(attach(flat, effect, find_site(flat, "each cell[i].port", effect))), rel=1e-6
     )

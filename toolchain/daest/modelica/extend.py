@@ -323,13 +323,19 @@ def _join(draft: _Draft, original: _Original, component: str) -> None:
     """Joints in the connections to connectors that call their variables otherwise than the library."""
     known = connectors_of(original.flat.unknowns)
     odd = {name: one for name, one in known.items() if needs_joint(original.flat, one)}
+    classes: dict[tuple[str, ...], str] = {}
     for i, (left, right) in draft.connections.items():
         ends = [end for end in (left, right) if end in odd]
         if not ends:
             continue
         (end,), (other,) = ends, [one for one in (left, right) if one not in ends]
         made = joint(
-            original.source, original.head.name, original.flat, odd[end], f"{component}_joint{i or ''}"
+            original.source,
+            original.head.name,
+            original.flat,
+            odd[end],
+            f"{component}_joint{i or ''}",
+            classes,
         )
         if made is None:
             raise original.refusal(

@@ -25,7 +25,7 @@ PORTS: dict[Domain, str] = {
 
 @dataclass(frozen=True)
 class Joint:
-    """The text of the class of a joint and of the component, whose connectors are `own` and `port`."""
+    """The text of the component, and of its class where that is new, with the connectors `own` and `port`."""
 
     text: str
     own: str
@@ -42,9 +42,16 @@ def needs_joint(flat: FlatModel, connector: Connector) -> bool:
     )
 
 
-def joint(source: bytes, class_name: str, flat: FlatModel, connector: Connector, name: str) -> Joint | None:
+def joint(
+    source: bytes,
+    class_name: str,
+    flat: FlatModel,
+    connector: Connector,
+    name: str,
+    known: dict[tuple[str, ...], str],
+) -> Joint | None:
     """The joint `name` for a connector of class `class_name` of the text; None where the text does not hold
-    the class of the connector."""
+    the class of the connector. Classes of joints are `known` by what they hold: a new one is put there."""
     heads = {head.name for head in class_heads(source)}
     classes = Classes(lambda full: source if full in heads else None)
     scope: str | None = class_name
@@ -59,18 +66,18 @@ def joint(source: bytes, class_name: str, flat: FlatModel, connector: Connector,
     own = converted_text(f"own.{potential}", in_connectors(flat.unknowns[connector.potential].unit))
     scale = flow_scale(flat.unknowns[connector.flow].unit, connector.domain)
     entering = f"own.{flow}" if scale == 1.0 else f"{scale!r}*own.{flow}"
-    kind = name[:1].upper() + name[1:]
     lines = (
-        f'model {kind} "Joins connectors whose variables have other names"',
         f"  {scope} own;",
         f"  {PORTS[connector.domain]} port;",
         "equation",
         f"  port.{wanted} = {own};",
         f"  {entering} + port.{wanted_flow} = 0;",
-        f"end {kind};",
-        f"{kind} {name};",
     )
-    return Joint("\n".join(lines), f"{name}.own", f"{name}.port")
+    is_new = lines not in known
+    kind = known.setdefault(lines, name[:1].upper() + name[1:])
+    opening = f'model {kind} "Joins connectors whose variables have other names"'
+    of_class = (opening, *lines, f"end {kind};") if is_new else ()
+    return Joint("\n".join((*of_class, f"{kind} {name};")), f"{name}.own", f"{name}.port")
 
 
 def _variables(flat: FlatModel, connector: Connector) -> tuple[str, str]:
