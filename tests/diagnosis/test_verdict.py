@@ -180,6 +180,8 @@ def test_what_a_simulation_leaves_is_told_where_it_is_many_times_the_noise():
     assert said not in decide(evidence(proofs=[proof(simulated=1.0)], simulated=9.0)).message
     adding = replace(known, proofs=(replace(known.proofs[0], adds_up=True),))
     assert said not in decide(adding).message
+    steady = replace(known, proofs=(replace(known.proofs[0], adds_up=True, holding=("phi",)),))
+    assert said in decide(steady).message
 
 
 def with_white(law, white):
@@ -705,13 +707,18 @@ def test_fmu_is_judged_by_the_rules_of_equations():
     assert "daest extend" not in untold.next_experiment, "nothing can be put into an FMU"
 
 
-@pytest.mark.parametrize("adds_up", [False, True])
-def test_a_simulation_that_gets_worse_is_told_as_worse(monkeypatch, adds_up):
+@pytest.mark.parametrize(("adds_up", "holding"), [(False, ()), (True, ()), (True, ("v",))])
+def test_a_simulation_that_gets_worse_is_told_as_worse(monkeypatch, adds_up, holding):
+    errors = [Agreement({}, {"phi": 1.0, "v": 0.4}), Agreement({}, {"phi": 1.57, "v": 0.1})]
     monkeypatch.setattr(verdict_module, "_error_ratio", lambda evidence, proof: 1.57)
-    proof = SimpleNamespace(ahead=(Ahead(50, 0.2, 0.28, 9.0),), adds_up=adds_up, is_by_use=False)
+    fits = [SimpleNamespace(simulated={"validation": agreement}) for agreement in errors]
+    monkeypatch.setattr(verdict_module, "_told", lambda evidence, proof: fits)
+    ahead = (Ahead(50, 0.2, 0.28, 9.0),)
+    proof = SimpleNamespace(ahead=ahead, adds_up=adds_up, is_by_use=False, holding=holding)
     text = verdict_module._importance(SimpleNamespace(clock="s"), proof)
     assert "removes 72 % of the error of predictions 0.2 s ahead." in text
     assert "whole simulation gets 1.57 times larger" in text and ("it adds up" in text) == adds_up
+    assert ("; that of v, which does not, gets 75 % smaller." in text) == bool(holding)
 
 
 @pytest.mark.parametrize("asked", [verdict_module.WIDER_BAND, verdict_module.OTHER_AMPLITUDES, "Wait."])

@@ -285,6 +285,7 @@ class _Judge:
             is_known=not told.unseen_form and not vague and not self._is_before_unseen(told),
             confirmed=told.confirmed,
             adds_up=self.reference is not None and self.reference.adds_up,
+            holding=() if self.reference is None else self.reference.holding,
             in_use=told.in_use,
             is_shown=told.is_shown,
             inside="" if reason else same_in_machine(self.with_effect, candidate, told.final or told.fit),

@@ -565,8 +565,20 @@ def _importance(evidence: Evidence, proof: Proof) -> str:
     text = f" Importance: it removes {' and '.join(parts).removesuffix(',')}." if parts else ""
     if is_larger:
         text += f" The error of the whole simulation gets {ratio:.3g} times larger"
-        text += ": nothing holds what is measured, so that it adds up." if proof.adds_up else "."
+        text += ": nothing holds what is measured, so that it adds up" if proof.adds_up else ""
+        text += _removed_of_steady(evidence, proof) + "."
     return text
+
+
+def _removed_of_steady(evidence: Evidence, proof: Proof) -> str:
+    """The share that the effect removes of the error of an output beside those that add up; empty where there
+    is none that gets smaller."""
+    before, after = _told(evidence, proof)
+    ratios = _of_steady(proof, ratios_by_output(before.simulated, after.simulated)) if proof.adds_up else {}
+    name = min(ratios, key=ratios.__getitem__, default="")
+    if not name or ratios[name] > 1.0 - GATES.same_unseen_error:
+        return ""
+    return f"; that of {name}, which does not, gets {_removed(ratios[name])} smaller"
 
 
 def _most_removed(evidence: Evidence, proof: Proof) -> tuple[float, str]:
@@ -580,25 +592,29 @@ def _most_removed(evidence: Evidence, proof: Proof) -> tuple[float, str]:
 
 def _left_over(evidence: Evidence, proof: Proof) -> str:
     """A sentence on the output of which a simulation with the effect leaves most, beside its noise; empty
-    where it leaves little more, or its errors add up."""
+    where it leaves little more, or the errors of all outputs add up."""
     after = _told(evidence, proof)[1]
-    ratios = ratios_by_output(after.one_step, after.simulated)
+    ratios = _of_steady(proof, ratios_by_output(after.one_step, after.simulated))
     name = max(ratios, key=ratios.__getitem__, default="")
-    if proof.adds_up:
-        return ""
     if name and GATES.told_rest <= ratios[name] < np.inf:
         return (
             f" What a simulation leaves of {name} is {ratios[name]:.2g} times its error one sample ahead: "
             "something else is missing, or acts besides."
         )
-    return _lasting(after, GATES.told_rest)
+    return _lasting(proof, after, GATES.told_rest)
 
 
-def _lasting(after: FitResult, limit: float) -> str:
-    """A sentence on the output whose errors in a simulation of unseen data last longest; empty where none is
-    more than `limit` times its part without memory. The error one sample ahead says nothing of it where no
-    load can take the place of what is missing: the noise of the sensor then stands for it."""
-    name, ratio = most_lasting(after.simulated)
+def _of_steady(proof: Proof, ratios: Mapping[str, float]) -> dict[str, float]:
+    """The ratios of the outputs whose errors do not add up."""
+    return {name: one for name, one in ratios.items() if not proof.adds_up or name in proof.holding}
+
+
+def _lasting(proof: Proof, after: FitResult, limit: float) -> str:
+    """A sentence on the output whose errors in a simulation of unseen data last longest, of those that do not
+    add up; empty where none is more than `limit` times its part without memory. The error one sample ahead
+    says nothing of it where no load can take the place of what is missing: the noise of the sensor then
+    stands for it."""
+    name, ratio = most_lasting(after.simulated, proof.holding if proof.adds_up else None)
     if ratio < limit:
         return ""
     return (
@@ -612,8 +628,7 @@ def _left_by_set(evidence: Evidence, accepted: Sequence[Proof]) -> str:
     one of them leaves, which may be since none of them is what acts."""
     text = _errors(evidence, accepted[0])
     left = [
-        _left_over(evidence, p)
-        or ("" if p.adds_up else _lasting(_told(evidence, p)[1], GATES.told_rest_of_set))
+        _left_over(evidence, p) or _lasting(p, _told(evidence, p)[1], GATES.told_rest_of_set)
         for p in accepted
     ]
     return text + (f"{left[0]} It may be none of them." if all(left) else "")

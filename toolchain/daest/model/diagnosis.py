@@ -305,8 +305,8 @@ class Proof:
     tests rest on, and tells no agreement with data where there is a `final`, that without coloured ones,
     which is what is told. `explained` is the share of the load's size that vanished; `left` the form that the
     rest of the load follows best; `ahead` what it does to the prediction of unseen data; `adds_up` tells that
-    a whole simulation of the model is dead reckoning; `steady_error` is that of simulated unseen data, each
-    with a constant load of its own, whitened."""
+    a whole simulation of the model is dead reckoning, but of the outputs `holding`; `steady_error` is that of
+    simulated unseen data, each with a constant load of its own, whitened."""
 
     candidate: Candidate
     flat: Model
@@ -331,6 +331,7 @@ class Proof:
     is_known: bool = True  # False: the data show too little of the law to tell it from any other
     confirmed: Confirmed = Confirmed()
     adds_up: bool = False
+    holding: tuple[str, ...] = ()
     in_use: InUse = InUse()  # by its simulation
     is_shown: bool = False  # by its simulation, by more than chance
     is_by_use: bool = False  # the deltas are those in use
