@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 from daest.modelica.outline import (
     ClassHead,
@@ -24,32 +25,48 @@ _LOOP, _END, _CONNECT = "loop", "end", "connect"
 _BLOCKS = ("for", "if", "when")
 
 
+@dataclass(frozen=True)
+class _Loop:
+    """`for INDEX in FIRST:LAST loop`, with the tokens `inside` of it and where it stands in the text."""
+
+    index: str
+    first: str
+    last: str
+    inside: Sequence[Token]
+    start: int
+    stop: int
+
+    def written_out(self, source: bytes, low: int, high: int) -> Edit:
+        """Its statements for all numbers from `low` to `high`."""
+        numbers = range(low, high + 1)
+        lines = [line for n in numbers for line in _statements(source, self.inside, self.index, n)]
+        return Edit(self.start, self.stop, f"\n{_indent(source, self.start)}".join(lines))
+
+
+def _loop_at(words: Sequence[Token], at: int) -> _Loop | None:
+    """The loop whose index is the token `at`; None where it is none."""
+    if at == 0 or words[at - 1].text != "for" or [w.text for w in words[at + 1 : at + 2]] != ["in"]:
+        return None
+    body = next(i for i in range(at, len(words)) if words[i].text == _LOOP) + 1
+    end = next(i for i in range(body, len(words)) if words[i].text == _END)
+    first, _, last = "".join(w.text for w in words[at + 2 : body - 1]).partition(":")
+    stop = next(w for w in words[end:] if w.text == ";").end
+    return _Loop(words[at].text, first, last, words[body:end], words[at - 1].start, stop)
+
+
 def without_loop(source: bytes, words: Sequence[Token], at: int, n_equations: int) -> bytes | None:
     """The text with a loop of a class written out, whose index is the token `at` and which stands for
     `n_equations`; None for one that is not of the form `for i in FIRST:LAST loop`, with a number as its
     first, around equations of one line each."""
-    if at == 0 or words[at - 1].text != "for" or [w.text for w in words[at + 1 : at + 2]] != ["in"]:
+    loop = _loop_at(words, at)
+    if loop is None or not loop.first.isdecimal() or not loop.last or ":" in loop.last:
         return None
-    first, colon = words[at + 2], words[at + 3]
-    body = next(i for i in range(at, len(words)) if words[i].text == _LOOP) + 1
-    is_stepped = any(w.text == ":" for w in words[at + 4 : body])
-    end = next(i for i in range(body, len(words)) if words[i].text == _END)
-    inside = words[body:end]
-    n_statements = sum(w.text == ";" for w in inside)
-    is_nested = any(w.text in _BLOCKS for w in inside)
-    if not first.text.isdecimal() or colon.text != ":" or is_stepped or is_nested:
+    n_statements = sum(w.text == ";" for w in loop.inside)
+    is_nested = any(w.text in _BLOCKS for w in loop.inside)
+    if is_nested or n_equations % max(n_statements, 1):  # the latter where some of them are of arrays
         return None
-    if n_equations % max(n_statements, 1):  # some of them are of arrays
-        return None
-    indent = _indent(source, words[at - 1].start)
-    begin = int(first.text)
-    lines = [
-        line
-        for number in range(begin, begin + n_equations // n_statements)
-        for line in _statements(source, inside, words[at].text, number)
-    ]
-    semicolon = next(w for w in words[end:] if w.text == ";")
-    return edited(source, [Edit(words[at - 1].start, semicolon.end, f"\n{indent}".join(lines))])
+    low = int(loop.first)
+    return edited(source, [loop.written_out(source, low, low + n_equations // n_statements - 1)])
 
 
 def with_connects_written_out(source: bytes, head: ClassHead) -> bytes:
@@ -68,30 +85,13 @@ def _again(source: bytes, head: ClassHead) -> ClassHead:
 def _loop_of_connects(source: bytes, words: Sequence[Token]) -> Edit | None:
     """The first loop over whole numbers with connect clauses alone inside, written out; None for none."""
     known = _known_numbers(words)
-    for at in range(1, len(words)):
-        if words[at - 1].text != "for" or [w.text for w in words[at + 1 : at + 2]] != ["in"]:
-            continue
-        body = next(i for i in range(at, len(words)) if words[i].text == _LOOP) + 1
-        end = next(i for i in range(body, len(words)) if words[i].text == _END)
-        inside = words[body:end]
-        first, _, last = "".join(w.text for w in words[at + 2 : body - 1]).partition(":")
-        low, high = _whole(first, known), _whole(last, known)
-        begins = [w.text for w, before in zip(inside, (None, *inside), strict=False) if _starts(before)]
-        if low is None or high is None or set(begins) != {_CONNECT}:
-            continue
-        indent = _indent(source, words[at - 1].start)
-        lines = [
-            line
-            for number in range(low, high + 1)
-            for line in _statements(source, inside, words[at].text, number)
-        ]
-        stop = next(w for w in words[end:] if w.text == ";").end
-        return Edit(words[at - 1].start, stop, f"\n{indent}".join(lines))
+    for loop in filter(None, (_loop_at(words, at) for at in range(1, len(words)))):
+        low, high = _whole(loop.first, known), _whole(loop.last, known)
+        before = ["", *(w.text for w in loop.inside)]
+        begins = {w.text for w, last in zip(loop.inside, before, strict=False) if last in ("", ";")}
+        if low is not None and high is not None and begins == {_CONNECT}:
+            return loop.written_out(source, low, high)
     return None
-
-
-def _starts(before: Token | None) -> bool:
-    return before is None or before.text == ";"
 
 
 def _known_numbers(words: Sequence[Token]) -> dict[str, int]:
