@@ -139,7 +139,7 @@ def test_a_time_of_any_unit_is_read_in_that_of_a_model_that_counts_hours(
     code, out, err = daest("identify", "--estimate", "C", "--hold", "zoh", "Store.mo", "run.csv")
     assert code == 0, err
     value = next(line.split()[1] for line in out.splitlines() if line.startswith("C "))
-    assert float(value) == pytest.approx(3.0, rel=1e-3)
+    assert float(value) == pytest.approx(3.0, rel=1e-3) and "60 samples at 0.1 h," in out
     assert ("is read in h, in which" in err) == (time != "time"), err
     code, out, err = daest("simulate", "Store.mo", "run.csv", "-o", "out.csv")
     assert code == 0 and Path("out.csv").read_text().startswith("time [h],"), err

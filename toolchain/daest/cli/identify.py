@@ -184,6 +184,7 @@ def identified(
     from daest.estimation.identify import identify
     from daest.estimation.profile import silent
     from daest.model.fit import IdentifyOptions
+    from daest.modelica.clock import model_clock
     from daest.report.documents import fit as documents
 
     source = model_source(project, model)
@@ -203,9 +204,8 @@ def identified(
     if not result.is_converged:
         note(f"not converged: {result.message}")
     recordings = training_files(project, data)
-    return Identified(
-        result, documents.document(result), flat, loaded, source, recordings, estimation, validation
-    )
+    document = documents.document(result, model_clock(flat))
+    return Identified(result, document, flat, loaded, source, recordings, estimation, validation)
 
 
 def keep_fit(project: Project, found: Identified) -> None:

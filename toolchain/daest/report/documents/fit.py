@@ -117,6 +117,7 @@ class FitDocument(TypedDict):
     n_iterations: NotRequired[int]
     seconds: Annotated[float, Fact("{} s", 3)]
     period: float | None
+    clock: Annotated[str, "unit of the period: what the model counts time in"]
     hold: Hold
     notes: NotRequired[list[str]]
     unseen_states: NotRequired[
@@ -142,8 +143,9 @@ class FitDocument(TypedDict):
     ]
 
 
-def document(result: FitResult) -> FitDocument:
-    """JSON-ready summary of an identification; what the data do not determine is None.
+def document(result: FitResult, clock: str = "s") -> FitDocument:
+    """JSON-ready summary of an identification; what the data do not determine is None. The model counts time
+    in the `clock`.
 
     `theta` repeats all parameters of the model, so that later commands need no other file. The standard
     deviation of a direction that is not determined at all is None.
@@ -157,6 +159,7 @@ def document(result: FitResult) -> FitDocument:
         **errors_entry(result.simulated),
         one_step=errors_entry(result.one_step),
         bootstrap=None if result.bootstrap is None else _bootstrap(result.bootstrap),
+        clock=clock,
     )
 
 

@@ -22,7 +22,7 @@ def text(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     period = document.get("period")
     yield indented(
         f"{document['n_samples']} samples"
-        + (f" at {number(period, 6)} s" if period else ", uneven times")
+        + (f" at {number(period, 6)} {document.get('clock', 's')}" if period else ", uneven times")
         + ", ".join(["", f"hold {document['hold']}", *facts(FitDocument, document)])
     )
     for note in document.get("notes", ()):
