@@ -18,8 +18,8 @@ def fit(name: str, value: float, std_error: float | None) -> Any:
     return SimpleNamespace(parameters=(one,))
 
 
-def told(fitted: Any, declared: Parameter, law: Any = None) -> str:
-    proofs = () if law is None else (SimpleNamespace(verdict="supported", told=law),)
+def told(fitted: Any, declared: Parameter, law: Any = None, verdict: str = "supported") -> str:
+    proofs = () if law is None else (SimpleNamespace(verdict=verdict, told=law),)
     return far_off_told(cast(Any, SimpleNamespace(proofs=proofs, baseline=fitted)), [declared])
 
 
@@ -45,6 +45,9 @@ def test_parameters_of_either_sign_are_never_far() -> None:
     assert told(fit("b", 5.0, 0.1), OFFSET) == ""
 
 
-def test_the_fit_of_the_supported_law_is_looked_at() -> None:
-    assert told(fit("C2", 6.7e4, 9.0), CAPACITY, law=fit("C2", 41.0, 1.0)) == ""
-    assert "instead of 40 F" in told(fit("C2", 41.0, 1.0), CAPACITY, law=fit("C2", 6.7e4, 9.0))
+@pytest.mark.parametrize("verdict", ["supported", "not separable"])
+def test_the_fit_of_the_law_that_is_named_is_looked_at(verdict: str) -> None:
+    far, near = fit("C2", 6.7e4, 9.0), fit("C2", 41.0, 1.0)
+    assert told(far, CAPACITY, near, verdict) == ""
+    assert "instead of 40 F" in told(near, CAPACITY, far, verdict)
+    assert told(near, CAPACITY, far, "rejected") == ""

@@ -66,7 +66,7 @@ def _beside_limits(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> D
 def far_off_told(found: Diagnosis, declared: Sequence[Parameter]) -> str:
     """Which parameters of the fit that is told have gone so far from the values that the model declares, or
     beyond its limits, that they may stand in for what is missing; empty where none has."""
-    named = next((p for p in found.proofs if p.verdict == "supported"), None)
+    named = next((p for p in found.proofs if p.verdict != "rejected"), None)
     told = found.baseline if named is None else named.told
     fitted = {p.name: p for p in told.parameters}
     pairs = [(fitted[p.name], p) for p in declared if p.estimate and p.name in fitted]
