@@ -79,11 +79,16 @@ def test_improve_offers_the_curve_on_top_of_the_last_step(tmp_path, daest, monke
     code, out, err = daest(*arguments)
     assert code == 0, err
     found = json.loads(out)
-    assert [step["added"] for step in found["steps"]] == [None, "HardeningSpring"]
+    assert [step["added"] for step in found["steps"]] == [None, "HardeningSpring", "LearnedForce"]
+    curve = found["steps"].pop()
+    assert curve["at"] == "cart.flange_a" and curve["verdict"] == "unknown effect"
+    assert curve["model"] == found["unknown_effect"] and curve["disturbance"]["variable"] == "cart.s"
+    assert curve["model_rms"]["s"] == pytest.approx(curve["rms"]["validation"]["s"], rel=0.05)
     assert found["unknown_effect"] == "unknown_effect.mo"
     assert found["reason"].startswith("An effect that the library does not hold acts at cart.flange_a")
     assert found["reason"].endswith("The model with the curve is offered as unknown_effect.mo.")
     learned = found["final"]["disturbance"]["learned"]
+    assert learned["rms"]["s"] == pytest.approx(curve["rms"]["validation"]["s"])
     assert learned["rms"]["s"] < found["steps"][-1]["rms"]["validation"]["s"] / 5
     flat = compile_model(folder / "unknown_effect.mo")
     assert flat.name == "Cart_HardeningSpring_Learned"

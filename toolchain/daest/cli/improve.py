@@ -87,7 +87,7 @@ def command(
 
     The folder gets the models step1_EFFECT.mo, step2_EFFECT.mo, ..., each extending the former, ledger.json
     and staircase.png, the error on validation data from step to step. An effect that no library holds is
-    offered as a curve in unknown_effect.mo.
+    offered as a curve in unknown_effect.mo, and is the last step where it simulates unseen data better.
     """
     from daest.cli.diagnose import opened, origin
     from daest.report.diagnosis_figures import staircase_figure
@@ -131,7 +131,7 @@ def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any
     `folder`."""
     from daest.cli.diagnose import context
     from daest.diagnosis.improve import improve
-    from daest.diagnosis.written import LOAD_FILE, offered_load, with_names, written_steps
+    from daest.diagnosis.written import LOAD_FILE, is_step, offered_load, with_names, written_steps
     from daest.model.flat import with_equations
     from daest.report.documents.diagnose import improvement_document
 
@@ -156,7 +156,8 @@ def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any
             models, names = written_steps(case.source, case.class_name, found, passing, case.folders)
             load = offered_load(case.source, case.class_name, found, models, names, passing, case.folders)
         unseen = _unseen(case, found.recorded_hold)
-        errors = _simulated(unseen, found, models)
+        written = models | ({len(found.steps): load} if is_step(load, found.last) else {})
+        errors = _simulated(unseen, found, written)
     files = _files(models, found)
     document = {
         **with_names(improvement_document(found, files, load=load), names),
@@ -169,7 +170,7 @@ def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any
         document["reason"] += f" The model with the curve is offered as {LOAD_FILE}."
     document["final"]["outputs"] = document["outputs"]
     for number, step in enumerate(document["steps"]):
-        step["model_reason"] = models[number].reason if number in models else ""
+        step["model_reason"] = written[number].reason if number in written else ""
         step["model_rms"] = errors.get(number)
         _compare(number, step)
     texts = {files[number]: models[number].text or "" for number in files}
@@ -197,8 +198,9 @@ def _simulated(
     from daest.numerics.parallel import called, workers
 
     names, made = case.flat.output_names, {i: w.extension for i, w in models.items() if w.extension}
+    holds = [*(step.fit.hold for step in found.steps), found.steps[-1].fit.hold]  # the last: of a curve
     tasks = [
-        partial(simulated_rms, one.flat, names, models[i].columns, case.validation, found.steps[i].fit.hold)
+        partial(simulated_rms, one.flat, names, models[i].columns, case.validation, holds[i])
         for i, one in made.items()
     ]
     errors = {}

@@ -121,6 +121,13 @@ def _is_loop(null: Null, flat: FlatModel) -> bool:
         return True
 
 
+def helps(learned: LearnedLoad) -> bool:
+    """Whether a curve that was refitted in the model makes the simulation of unseen data clearly better."""
+    pairs = [(b, learned.after.get(name)) for name, b in learned.before.items()]
+    ratios = [a / b for b, a in pairs if b and a is not None]
+    return learned.fit is not None and bool(ratios) and max(ratios) <= GATES.max_clear_ratio
+
+
 def said(learned: LearnedLoad) -> str:
     """What the curve does to the validation error, as a sentence that follows others."""
     how = "With the curve, refitted, in the model" if learned.fit else "With the curve in the model"

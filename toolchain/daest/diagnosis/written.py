@@ -6,16 +6,17 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from daest.diagnosis.compare import follower
+from daest.diagnosis.learned import helps
 from daest.diagnosis.trial import Candidate as Trialled
 from daest.diagnosis.trial import agreement
 from daest.errors import ModelError
 from daest.estimation.records import in_model_order
-from daest.model.diagnosis import Candidate, Improvement, LearnedLoad, Proof
+from daest.model.diagnosis import Candidate, Diagnosis, Improvement, LearnedLoad, Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.model.holds import Hold
@@ -222,6 +223,15 @@ def offered_load(
         path, class_name = folder / step_file(number, proof.candidate), last.extension.class_name
         columns = last.columns
     return written_load(path, class_name, learned, libraries, names, folder / LOAD_FILE, columns)
+
+
+def is_step(load: Written | None, last: Diagnosis) -> TypeGuard[Written]:
+    """Whether the `load` of the last round is written, and its curve simulates unseen data clearly better: it
+    is the last step of an improvement, of no law of the library."""
+    learned = last.learned
+    if load is None or load.extension is None or learned is None or last.verdict != "unknown effect":
+        return False
+    return not learned.against and helps(learned)
 
 
 def step_file(number: int, candidate: Candidate) -> str:

@@ -77,7 +77,7 @@ class Extension:
     one.
 
     `flat` is that text compiled, `added` the text of the new class alone, `component` the effect's name in
-    it.
+    it, `effect` that of its class.
     """
 
     text: str
@@ -85,6 +85,7 @@ class Extension:
     added: str
     component: str
     flat: FlatModel
+    effect: str
 
 
 @dataclass(frozen=True)
@@ -197,7 +198,7 @@ def extend_model(
     own_name = _class_name(original, effect.name, new_name)
     place = f"in {site.aliases[0]}" if site.kind == "equation" else f"at {site.name}"
     about = f"{effect.name} {_quoted(place)}"
-    return _extension(original, draft, own_name, about, component, libraries, target)
+    return _extension(original, draft, own_name, about, component, effect.name, libraries, target)
 
 
 def extend_by_curve(
@@ -233,7 +234,8 @@ def extend_by_curve(
     draft.connect(f"{component}.{connector}", _reachable(original, ends))
     own_name = _class_name(original, _LEARNED.capitalize(), None)
     about = f"a load at {load.place} over {load.x}"
-    return _extension(original, draft, own_name, about, component, libraries, target)
+    kind = load_class.rpartition(".")[2]
+    return _extension(original, draft, own_name, about, component, kind, libraries, target)
 
 
 def _original(path: Path, class_name: str | None, libraries: Sequence[str | Path]) -> _Original:
@@ -304,6 +306,7 @@ def _extension(
     name: str,
     about: str,
     component: str,
+    effect: str,
     libraries: Sequence[str | Path],
     target: str | Path | None,
 ) -> Extension:
@@ -316,7 +319,7 @@ def _extension(
     beside = original.path.with_name(f"{name}.mo") if within(source) else original.path
     file = Path(target or beside)
     compiled = compile_text(text.encode(), file, name, _roots(original, libraries))
-    return Extension(text, name, added, component, compiled)
+    return Extension(text, name, added, component, compiled, effect)
 
 
 def _join(draft: _Draft, original: _Original, component: str) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, NotRequired, TypeAlias, TypedDict
 import numpy as np
 
 from daest.diagnosis.certainty import KnownProduct, known_products
-from daest.diagnosis.written import Written
+from daest.diagnosis.written import LOAD_FILE, Written, is_step
 from daest.model.diagnosis import (
     Candidate,
     CandidateVerdict,
@@ -352,9 +352,35 @@ def improvement_document(
     files: Mapping[int, str] | None = None,
     load: Written | None = None,
 ) -> Ledger:
-    """`files`: name of the written model by step; `load` as in `document`, for the last round."""
+    """`files`: name of the written model by step; `load` as in `document`, for the last round. A curve that
+    unseen data bear out is the last step of the ledger."""
     steps = [_step(step, (files or {}).get(i)) for i, step in enumerate(improvement.steps)]
+    if is_step(load, improvement.last):
+        steps.append(_curve_step(improvement.last, load))
     return entry(Ledger, improvement, steps=steps, final=document(improvement.last, load=load))
+
+
+def _curve_step(last: Diagnosis, load: Written) -> StepEntry:
+    """The load that no law is, as the last step: its curve in the model."""
+    learned, extension = last.learned, load.extension
+    assert learned is not None and learned.fit is not None and extension is not None
+    return entry(
+        StepEntry,
+        learned.form,
+        added=extension.effect,
+        at=learned.form.place,
+        component=extension.component,
+        inputs={},
+        equivalent_places=[],
+        verdict=last.verdict,
+        **errors_entry(learned.fit.simulated),
+        disturbance=entry(Curve, learned.form, **_curve(learned.form)),
+        remark=f"a curve over {learned.form.label}, which no law of the library is",
+        log_likelihood=learned.fit.log_likelihood,
+        parameters=[p for p in learned.fit.parameters if ".y[" not in p.name],
+        known_products={},
+        model=LOAD_FILE,
+    )
 
 
 def _step(step: Step, model: str | None) -> StepEntry:
