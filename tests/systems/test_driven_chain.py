@@ -179,7 +179,7 @@ def test_more_parameters_take_the_same_code_and_a_copy_is_made_anew():
 
 
 def test_records_on_one_clock_take_the_steps_of_one_matrix(monkeypatch):
-    """Each by itself, with that matrix; one for every sample takes sixteen times as long."""
+    """Each by itself, with that matrix; one for every sample takes far longer."""
     explicit, (_, u) = cart("Base"), recording(40)
     chain, theta = driven_chain(explicit), explicit.flat.theta_values
     columns, counts = [explicit.flat.parameter_names.index("T")], (25, 14)
