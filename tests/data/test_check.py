@@ -374,3 +374,11 @@ def test_clipping_is_seen_on_coarse_steps():
     assert told(np.round(y / 0.06) * 0.06) == []
     # A sine stays longest where it turns.
     assert "check-saturation" not in told(np.round(np.sin(0.02 * time) / 0.06) * 0.06)
+
+
+def test_stamps_of_six_digits_have_the_period_of_their_clock():
+    stamps = np.array([float(f"{t:.6g}") for t in 0.02196954 * np.arange(1300)])
+    columns = (Column("time", "s", stamps), Column("u", None, np.sin(stamps)))
+    found = check_table(Table("run", columns, None), {"u": "input"})
+    assert found.period == pytest.approx(0.02196954, rel=1e-6)
+    assert "check-clock-jitter" not in [finding.code for finding in found.findings]

@@ -223,6 +223,19 @@ def test_stamps_off_by_their_last_decimal_are_rounded(period, slip, is_uniform):
     assert (found.period is not None) is is_uniform
 
 
+@pytest.mark.parametrize(
+    ("digits", "slip", "is_uniform"), [(6, 0.0, True), (6, 2e-4, False), (5, 0.0, False)]
+)
+def test_stamps_of_so_many_digits_are_rounded(digits, slip, is_uniform):
+    """Of a period of 0.02197 s, six digits are off by 0.002 periods from 10 s on, and five by too much."""
+    time = 0.02196954 * np.arange(1300)
+    time[200] += slip
+    found = on_clock(recording(np.array([float(f"{t:.{digits}g}") for t in time]), time, time))
+    assert (found.period is not None) is is_uniform
+    if is_uniform:
+        assert found.period == pytest.approx(0.02196954, rel=1e-6)
+
+
 def test_rows_that_a_clock_leaves_out_have_no_outputs_and_inputs_between_their_neighbours():
     rng = np.random.default_rng(4)
     kept = np.sort(np.concatenate([[0, 499], 1 + rng.permutation(498)[:430]]))

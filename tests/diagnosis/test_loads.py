@@ -8,16 +8,32 @@ import pytest
 from hidden_plants import model
 
 from daest.diagnosis.loads import load_places, load_sites, with_loads
+from daest.diagnosis.null import pinned
 from daest.diagnosis.stand import without_noises
+from daest.modelica.attach import attach
 from daest.modelica.clock import clock_unit
 from daest.modelica.compile import compile_text
-from daest.modelica.sites import sites
+from daest.modelica.effects import find_effect
+from daest.modelica.sites import find_site, sites
+from daest.systems.reduce import reduce_index
 from daest.systems.state_space import state_space, state_space_family
 
 
 def places_of(name, **options):
     flat = without_noises(model(name))
     return flat, load_places(flat, [s for s in sites(flat) if s.kind == "node"])
+
+
+SLOWING = b"""model Slowing
+  Daest.Mechanics.Rotational.Components.Inertia rotor(J = 2e-6, w(start = 3000));
+  Daest.Mechanics.Rotational.Components.Damper bearing(d = 2e-6);
+  Daest.Mechanics.Rotational.Components.Fixed housing;
+  output Real speed(unit = "rad/s") = rotor.w;
+equation
+  connect(rotor.flange_b, bearing.flange_a);
+  connect(bearing.flange_b, housing.flange);
+end Slowing;
+"""
 
 
 def test_rotor_has_one_place_in_newton_metres():
@@ -202,3 +218,16 @@ def test_the_times_of_loads_do_not_tell_what_the_model_counts_time_in():
     assert clock_unit(flat) == "h"
     places = load_places(flat, load_sites(flat))
     assert clock_unit(with_loads(flat, places, [1.0] * len(places))) == "h"
+
+
+def test_a_load_between_a_spring_that_is_put_in_and_a_damper_stays_a_state():
+    """The damper's speed follows from the load, or the load from that speed; a damper of a few µN.m.s/rad
+    makes the first the smaller pivot."""
+    flat = compile_text(SLOWING, Path("Slowing.mo"))
+    places = load_places(flat, load_sites(flat))
+    loaded = with_loads(flat, places, [1.0])
+    null = pinned(loaded, reduce_index(loaded))
+    effect = find_effect("Rotational.ExtraCompliance")
+    grown = attach(null, effect, find_site(null, "rotor.flange_b", effect), values={"e": 1e4, "T": 0.01})
+    assert places[0].load in reduce_index(grown).state_names
+    assert places[0].load in reduce_index(pinned(grown, reduce_index(grown))).state_names

@@ -9,7 +9,7 @@ from late_cart import PERIOD, cart, recording
 from scipy.integrate import solve_ivp
 
 from daest.estimation.shooting import _with_states
-from daest.systems.driven_chain import driven_chain
+from daest.systems.driven_chain import driven_chain, driving
 from daest.systems.initialize import initial_point
 from daest.systems.integrate import ChainIntegrator, integrate, integrator
 from daest.systems.integration import Correction
@@ -176,3 +176,23 @@ def test_more_parameters_take_the_same_code_and_a_copy_is_made_anew():
     make, arguments = more.__reduce__()
     assert isinstance(make(*arguments), ChainIntegrator) and make(*arguments).names == NAMES
     assert more.method(1e-6, "zoh").startswith("exact steps of 10 states")
+
+
+def test_records_on_one_clock_take_the_steps_of_one_matrix(monkeypatch):
+    """Each by itself, with that matrix; one for every sample takes far longer."""
+    explicit, (_, u) = cart("Base"), recording(40)
+    chain, theta = driven_chain(explicit), explicit.flat.theta_values
+    columns, counts = [explicit.flat.parameter_names.index("T")], (25, 14)
+    starts = np.linspace(3.0, -1.0, 20).reshape(2, 10)
+    lengths = [np.full(n, PERIOD) for n in counts]
+    given = [(u[: n + 1][:-1], u[: n + 1][1:], None) for n in counts]
+    joined = (*(np.concatenate([one[i] for one in given]) for i in (0, 1)), None)
+    monkeypatch.delattr("daest.systems.driven_chain.varying_recursion")
+    both = driving(chain, theta, columns, lengths, joined, starts)
+    alone = [
+        driving(chain, theta, columns, [own], one, start[None])
+        for own, one, start in zip(lengths, given, starts, strict=True)
+    ]
+    assert np.allclose(both.states, np.vstack([one.states for one in alone]), rtol=1e-12, atol=1e-14)
+    slopes = np.concatenate([one.slopes for one in alone], axis=1)
+    assert np.allclose(both.slopes, slopes, rtol=1e-12, atol=1e-14)

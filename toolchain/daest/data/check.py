@@ -10,6 +10,7 @@ import numpy as np
 
 from daest.data.faults import Samples, Series, absurd, clock_findings, column_findings, pair_findings
 from daest.data.limits import DATA
+from daest.data.prepare import whole_period
 from daest.data.read import find_time
 from daest.data.table import Column, Table, column_unit, in_seconds, unit_findings
 from daest.model.experiment import ColumnSummary, DataCheck, Experiment, Finding, Role
@@ -140,7 +141,8 @@ def _period(time: np.ndarray) -> float | None:
     if not steps.size or not np.all(steps > 0):
         return None
     step = float((time[-1] - time[0]) / steps.size)
-    return float(f"{step:.9g}") if float(np.max(np.abs(steps - step))) < DATA.grid * step else None
+    is_uniform = float(np.max(np.abs(steps - step))) < DATA.grid * step
+    return float(f"{step:.9g}") if is_uniform else whole_period(time)
 
 
 def _pairs(time: np.ndarray, columns: Sequence[_Column], clock: str) -> list[Finding]:

@@ -95,10 +95,18 @@ def on_clock(experiment: Experiment) -> Experiment:
     )
 
 
+def whole_period(time: np.ndarray) -> float | None:
+    """The period [s] of the uniform clock of the stamps `time` (n_samples,) that leave out none of it."""
+    found = _clock(time)
+    if found is None or found[0].size != time.size:
+        return None
+    return float(f"{found[0][1] - found[0][0]:.9g}")
+
+
 def _clock(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]] | None:
     """The times (n,) of a uniform clock of which the stamps `time` (n_samples,) [s] leave out at most
-    `DATA.most_lost` of all and no more than a pause in one place, if none is off by more than `DATA.grid` or
-    the last decimal of the stamps; the place (n_samples,) of every stamp among them; and notes on stamps that
+    `DATA.most_lost` of all and no more than a pause in one place, if none is off by more than `DATA.grid` and
+    the last decimal of that stamp; the place (n_samples,) of every stamp among them; and notes on stamps that
     were not uniform already. None where there is no such clock."""
     if time.size < 3:
         return None
@@ -116,8 +124,10 @@ def _clock(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]] |
     slope = np.polyfit(rows, time - time[0], 1)[0]
     period = float(f"{slope:.9g}")
     grid = time[0] + period * np.arange(n)
-    off = float(np.max(np.abs(grid[rows] - time))) / period
-    if off > DATA.grid and off > _last_decimal(time, DATA.last_decimal * period) / period:
+    distance = np.abs(grid[rows] - time)
+    off = float(np.max(distance)) / period
+    rounding = 0.0 if off <= DATA.grid else _last_decimals(time, DATA.last_decimal * period)
+    if np.any(distance > DATA.grid * period + rounding):
         return None
     notes = []
     # Below 1e-6 of a period it is the rounding of the decimals in the file, not worth a word.
@@ -133,15 +143,19 @@ def _clock(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]] |
     return grid, rows, tuple(notes)
 
 
-def _last_decimal(time: np.ndarray, most: float) -> float:
-    """The power of ten [s], `most` at most, of which all stamps (n_samples,) are multiples; 0.0 where there
-    is none down to a thousandth of `most`."""
+def _last_decimals(time: np.ndarray, most: float) -> np.ndarray:
+    """What the last decimal of every stamp (n_samples,) is worth [s], `most` at most: the same power of ten
+    for all of them, or, where all are written in as many digits, less for those nearer to zero. Zeros where
+    that is none down to a thousandth of `most`."""
+    size = np.abs(time)
+    decade = np.floor(np.log10(np.where(size > 0.0, size, size.max())))
     first = int(np.floor(np.log10(most)))
     for exponent in range(first, first - 3, -1):
-        counts = time / 10.0**exponent
-        if np.allclose(counts, np.round(counts), rtol=0.0, atol=1e-3):
-            return 10.0**exponent
-    return 0.0
+        for worth in (np.full(time.size, 10.0**exponent), 10.0 ** (exponent + decade - decade.max())):
+            counts = time / worth
+            if np.allclose(counts, np.round(counts), rtol=0.0, atol=1e-3):
+                return worth
+    return np.zeros(time.size)
 
 
 def prepare(experiment: Experiment, preparation: Preparation) -> Experiment:

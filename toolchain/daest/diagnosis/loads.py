@@ -186,6 +186,12 @@ def _unit(flat: FlatModel, row: int, node: Site) -> str:
     return ""
 
 
+def _unknown_of(place: LoadPlace) -> Variable:
+    """The load at a place: a state whatever else the model is given. Between a spring that was put in and a
+    damper it would follow from their motion, and nothing could tell its course by its name."""
+    return Variable(place.load, place.unit, "unexplained load", start=0.0, fixed=False, state_select="kept")
+
+
 def with_loads(flat: FlatModel, places: Sequence[LoadPlace], time_constants: Sequence[float]) -> FlatModel:
     """`flat` with d, der(d) + d/T = w, subtracted in the equation of each place and named as the place says.
     Noises of the model stay."""
@@ -200,10 +206,7 @@ def with_loads(flat: FlatModel, places: Sequence[LoadPlace], time_constants: Seq
         flat,
         unknowns=(
             *flat.unknowns,
-            *(
-                Variable(place.load, place.unit, "unexplained load", start=0.0, fixed=False)
-                for place in places
-            ),
+            *(_unknown_of(place) for place in places),
         ),
         noises=(
             *flat.noises,

@@ -617,9 +617,12 @@ def _at_estimate(
 
 
 def pinned(flat: FlatModel, explicit: ExplicitModel) -> FlatModel:
-    """`flat` with the states of `explicit` as its states for good: models grown from it share them."""
+    """`flat` with the states of `explicit` as its states for good: models grown from it share them. Loads
+    stay kept before them."""
+    states = set(explicit.state_names)
     unknowns = tuple(
-        replace(v, state_select="always") if v.name in explicit.state_names else v for v in flat.unknowns
+        replace(v, state_select="always") if v.name in states and v.state_select != "kept" else v
+        for v in flat.unknowns
     )
     return replace(flat, unknowns=unknowns)
 

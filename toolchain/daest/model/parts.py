@@ -32,7 +32,9 @@ def prior_unused(name: str) -> EstimationError:
 @dataclass(frozen=True)
 class Variable:
     """A scalar unknown or input. `start` is None where the source gives none; `unit` is Modelica's
-    spelling; `guess` is what a recording tells of its value, from where loops of equations are solved."""
+    spelling; `guess` is what a recording tells of its value, from where loops of equations are solved.
+    `state_select` is that of Modelica; of what was added to a model, such as a load, "kept" asks more than
+    the "always" of the model's own variables."""
 
     name: str
     unit: str = ""
@@ -43,7 +45,7 @@ class Variable:
     max: float | None = None
     nominal: float | None = None
     is_flow: bool = False
-    state_select: Literal["never", "avoid", "default", "prefer", "always"] = "default"
+    state_select: Literal["never", "avoid", "default", "prefer", "always", "kept"] = "default"
     place: Place | None = None
     guess: float | None = None
 

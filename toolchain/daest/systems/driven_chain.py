@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -297,6 +297,11 @@ class _AllSteps:
         """Whether all intervals are of one length."""
         return len(self.groups) == 1 and len(self.groups[0][1]) == 1
 
+    @cached_property
+    def records(self) -> np.ndarray:
+        """The first step of every record but the first one, of those that have any."""
+        return np.flatnonzero(np.diff(self.first) > 1) + 1
+
     def applied(self, name: str, rows: np.ndarray, part: tuple[slice, slice]) -> np.ndarray:
         """The `part` of the matrix `name` of every step times the `rows` (..., n_steps, n_columns), one for
         each step: (..., n_steps, n_rows)."""
@@ -312,8 +317,11 @@ class _AllSteps:
     def recursion(self, n_c: int, drive: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """States (k, n_samples, n_c) of the chain, or of its sensitivities, from the `starts` (k, n_records,
         n_c) of all records with what drives them (k, n_steps, n_c)."""
-        if self.is_even and starts.shape[1] == 1:
-            return linear_recursion(self.groups[0][1][0].transition[:n_c, :n_c], drive, starts[:, 0])
+        if self.is_even and self.records.size + 1 == starts.shape[1]:
+            # One matrix for all: a small part of the time that one for every step takes.
+            same = np.ascontiguousarray(self.groups[0][1][0].transition[:n_c, :n_c])
+            parts = enumerate(np.split(drive, self.records, axis=1))
+            return np.concatenate([linear_recursion(same, own, starts[:, i]) for i, own in parts], axis=1)
         # From the last sample of a record a step that forgets it leads to the start of the next.
         transitions, whole = (
             np.zeros((self.n_samples - 1, n_c, n_c)),

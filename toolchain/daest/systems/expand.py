@@ -242,7 +242,7 @@ def _differentiate(
     return tuple(rows), ca.vertcat(*parts)
 
 
-SELECT_RANK = {"never": 0, "avoid": 1, "default": 2, "prefer": 3, "always": 4}
+SELECT_RANK = {"never": 0, "avoid": 1, "default": 2, "prefer": 3, "always": 4, "kept": 5}
 
 SIZES = (1.0, 1e3, 1e9)  # of the values at which an alias must hold
 DIRECTIONS = 2

@@ -544,7 +544,7 @@ def _candidates(dae: LinearDAE) -> np.ndarray:
 
 def _preference(unknown: Variable) -> float:
     """Weight of an unknown as a state; factors of two and four, so that conditioning still decides."""
-    selected = {"never": 0.25, "avoid": 0.5, "default": 1.0, "prefer": 2.0, "always": 4.0}
+    selected = {"never": 0.25, "avoid": 0.5, "default": 1.0, "prefer": 2.0, "always": 4.0, "kept": 8.0}
     return selected[unknown.state_select] * 0.5 ** max(unknown.name.count(".") - 1, 0)
 
 

@@ -208,6 +208,10 @@ PIVOT_VARYING = 0.3  # they do: keep away from the configuration in which the pi
 PIVOT_TIE = 1e-6
 
 
+# Wishes from here on are those of variables that are to be kept as states.
+KEPT = MOST_PLACES * 8 * SELECT_RANK["kept"]
+
+
 class DependentEquations(Exception):
     """Differentiated equations `rows` depend on each other at this point: no choice of states exists."""
 
@@ -257,12 +261,13 @@ def _independent_columns(block: sp.csr_array, wish: np.ndarray, pivot: float, ro
 
 def _pivot_columns(block: np.ndarray, wish: np.ndarray, pivot: float) -> list[int]:
     """Columns in order of wish, the largest remaining pivot first within one wish; two passes: good, then
-    any."""
+    any. Columns that are to be kept come after all others: the pivot of a torque beside a speed is small
+    where the damper between them is."""
     remaining = block / np.maximum(np.abs(block).max(axis=1, keepdims=True), np.finfo(float).tiny)
     smallest = max(block.shape) * np.finfo(float).eps * max(1.0, np.linalg.norm(remaining))
     picked: list[int] = []
     for threshold in (pivot, smallest):
-        for value in np.unique(wish):
+        for value in np.unique(wish if threshold == smallest else wish[wish < KEPT]):
             candidates = wish == value
             candidates[picked] = False
             picked += _greedy(remaining, candidates, threshold, block.shape[0] - len(picked))
