@@ -180,6 +180,27 @@ def test_coarse_steps_are_seen():
         assert [(f.code, f.count) for f in found] == [("check-quantised", 20)]
 
 
+def warmed(step=0.32258, quiet=70, n=600):
+    """A thermometer at rest between two steps of its converter, then warmed and left to cool twice, written
+    with two decimals; its noise is less than a step."""
+    rng = np.random.default_rng(3)
+    heats = np.repeat([0.0, 1.0, 0.0, 1.0, 0.0], [quiet, 120, 140, 120, n - 380 - quiet])
+    warm = 21.7 + lfilter([0.35], [1.0, -0.985], heats)
+    return np.round(np.round((warm + 0.08 * rng.normal(size=n)) / step) * step, 2)
+
+
+def test_steps_of_a_converter_are_seen_through_the_digits_they_are_written_with():
+    samples = Samples("T", "output", 4.0 * np.arange(600), warmed())
+    assert samples.resolution == pytest.approx(0.3226, abs=2e-3)
+    assert samples.noise is None
+
+
+def test_rest_between_two_steps_of_a_converter_is_no_limit():
+    """The one below is where the machine begins, and it is never colder."""
+    samples = Samples("T", "output", 4.0 * np.arange(600), warmed())
+    assert "check-saturation" not in [one.code for one in column_findings(samples, 0)]
+
+
 def test_small_faults_are_found_where_and_as_many_as_they_are():
     _, u, y = noisy_recording(3)
     y[2000] += 60 * 0.005 * np.ptp(y)
