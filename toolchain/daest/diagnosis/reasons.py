@@ -365,6 +365,7 @@ def _resting(u: np.ndarray, first: float, half: float) -> np.ndarray:
 
 
 NO_BEND = "the recordings show no bend of it"
+STRAIGHT = (GAIN, "Daest.Effects.Signals.Offset")  # what a law without its bend is
 
 
 def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
