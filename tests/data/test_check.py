@@ -208,6 +208,21 @@ def test_small_faults_are_found_where_and_as_many_as_they_are():
     assert finding.code == "check-outliers" and finding.count == 1 and finding.at == pytest.approx(20.0)
 
 
+@pytest.mark.parametrize("is_pulse", [False, True])
+def test_a_sensor_that_is_off_for_a_while_is_found_unless_an_input_tells_why(is_pulse):
+    """A plug that was touched for 0.4 s; a voltage that falls by as much while a current flows."""
+    for seed in range(10):
+        rng, u, y = noisy_recording(seed)
+        at = int(rng.integers(500, 3000))
+        y[at : at + 40] += 4 * np.ptp(y)
+        pulse = np.zeros(N)
+        pulse[at : at + 40] = 3.0 * is_pulse
+        found = warnings_of({"u": pulse if is_pulse else u, "position": y})
+        assert [one.code for one in found] == ([] if is_pulse else ["check-outliers"]), (seed, found)
+        if not is_pulse:
+            assert found[0].count == 40 and found[0].at == pytest.approx(PERIOD * at)
+
+
 def test_bursts_are_found_where_and_as_many_as_they_are():
     """Spikes beside each other, which a median filter leaves; a ramp goes on meanwhile."""
     for seed in range(10):

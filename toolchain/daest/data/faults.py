@@ -338,6 +338,39 @@ def _bursts(samples: Samples) -> list[Finding]:
     return [Finding("check-outliers", "warning", samples.name, text, at, count)]
 
 
+def displaced(samples: Samples, others: Sequence[np.ndarray]) -> list[Finding]:
+    """A stretch of an output that is off by far, between a jump and one back while none of the `others`, the
+    columns (n,), jumps: of a plug that was touched. A pulse of an input shows in that, and a machine that
+    is knocked does not come back in one sample."""
+    values, changes = samples.values, np.diff(samples.values)
+    if samples.role != "output" or values.size < DATA.told_values:
+        return []
+    *_, usual, _, _ = np.sort(np.abs(changes))
+    first, last = np.sort(np.argsort(np.abs(changes))[-2:])
+    jump, back, count = changes[first], changes[last], int(last - first)
+    if min(abs(jump), abs(back)) <= DATA.stuck_jump * usual or not SPAN <= count <= DATA.burst * values.size:
+        return []
+    if abs(jump + back) >= DATA.neighbours_agree * abs(jump):
+        return []
+    if any(_jumps_at(other, at) for other in others for at in (first, last)):
+        return []
+    at, end = (float(samples.time[k + 1]) for k in (first, last))
+    text = (
+        f"is off by {jump:.4g} at {at:.6g} {samples.clock} for {end - at:.4g} {samples.clock}, in {count} "
+        "samples between a jump and one back that no other column tells of"
+    )
+    return [Finding("check-outliers", "warning", samples.name, text, at, count)]
+
+
+def _jumps_at(values: np.ndarray, at: int) -> bool:
+    """Whether a column (n,) moves by much of its range from sample `at` on, or one sample beside that. What
+    is missing may have."""
+    known = values[np.isfinite(values)]
+    reach = DATA.jump_beside * (float(np.ptp(known)) if known.size else 0.0)
+    there = np.abs(np.diff(values))[max(at - 1, 0) : at + 2]
+    return not np.all(np.isfinite(there)) or bool(np.any(there[there > 0.0] >= reach))
+
+
 def _stretches(loud: np.ndarray) -> list[np.ndarray]:
     """The indices `loud` (n,) of third differences, ascending, in groups of those that share samples: such
     a difference spans four."""
