@@ -180,11 +180,47 @@ def test_coarse_steps_are_seen():
         assert [(f.code, f.count) for f in found] == [("check-quantised", 20)]
 
 
+def warmed(step=0.32258, quiet=70, n=600):
+    """A thermometer at rest between two steps of its converter, then warmed and left to cool twice, written
+    with two decimals; its noise is less than a step."""
+    rng = np.random.default_rng(3)
+    heats = np.repeat([0.0, 1.0, 0.0, 1.0, 0.0], [quiet, 120, 140, 120, n - 380 - quiet])
+    warm = 21.7 + lfilter([0.35], [1.0, -0.985], heats)
+    return np.round(np.round((warm + 0.08 * rng.normal(size=n)) / step) * step, 2)
+
+
+def test_steps_of_a_converter_are_seen_through_the_digits_they_are_written_with():
+    samples = Samples("T", "output", 4.0 * np.arange(600), warmed())
+    assert samples.resolution == pytest.approx(0.3226, abs=2e-3)
+    assert samples.noise is None
+
+
+def test_rest_between_two_steps_of_a_converter_is_no_limit():
+    """The one below is where the machine begins, and it is never colder."""
+    samples = Samples("T", "output", 4.0 * np.arange(600), warmed())
+    assert "check-saturation" not in [one.code for one in column_findings(samples, 0)]
+
+
 def test_small_faults_are_found_where_and_as_many_as_they_are():
     _, u, y = noisy_recording(3)
     y[2000] += 60 * 0.005 * np.ptp(y)
     (finding,) = warnings_of({"u": u, "position": y})
     assert finding.code == "check-outliers" and finding.count == 1 and finding.at == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("is_pulse", [False, True])
+def test_a_sensor_that_is_off_for_a_while_is_found_unless_an_input_tells_why(is_pulse):
+    """A plug that was touched for 0.4 s; a voltage that falls by as much while a current flows."""
+    for seed in range(10):
+        rng, u, y = noisy_recording(seed)
+        at = int(rng.integers(500, 3000))
+        y[at : at + 40] += 4 * np.ptp(y)
+        pulse = np.zeros(N)
+        pulse[at : at + 40] = 3.0 * is_pulse
+        found = warnings_of({"u": pulse if is_pulse else u, "position": y})
+        assert [one.code for one in found] == ([] if is_pulse else ["check-outliers"]), (seed, found)
+        if not is_pulse:
+            assert found[0].count == 40 and found[0].at == pytest.approx(PERIOD * at)
 
 
 def test_bursts_are_found_where_and_as_many_as_they_are():

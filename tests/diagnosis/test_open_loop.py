@@ -194,9 +194,39 @@ def test_inputs_that_were_switched_before_the_recordings_move_the_model():
     flat = compile_text(SPRING, Path("Spring.mo"))
     null = fit_null(flat, load_sites(flat), records, "zoh")
     assert driven_share(null) > GATES.min_driven and not undriven(null)
+    # One level from a known start tells as much as a swing without any input.
     alone = replace(null, experiments=(records[0],))
-    assert driven_share(alone) < GATES.min_driven
-    assert "since they hardly change: record while they do" in _said_of_inputs(alone, null.fit)
+    assert driven_share(alone) > GATES.min_driven and not undriven(alone)
+    moved = replace(records[0], outputs=records[0].outputs + np.sin(1.3 * time)[:, None])
+    other = replace(null, experiments=(moved,))
+    assert driven_share(other) < GATES.min_driven
+    assert "since they hardly change: record while they do" in _said_of_inputs(other, null.fit)
+
+
+BASIN = b"""model Basin
+  parameter Real A(unit = "m2") = 2;
+  parameter Real k(unit = "m2/s", min = 0) = 0.2 annotation(__Daest(estimate = true, scale = "log"));
+  input Real valve(unit = "1");
+  output Real h(unit = "m", start = 1);
+equation
+  A*der(h) = -k*valve*h;
+end Basin;
+"""
+
+
+@pytest.mark.parametrize("empties", [True, False])
+def test_what_a_recording_begins_with_moves_a_model_as_inputs_do(empties):
+    """A basin that empties behind a valve, opened before the second sample; and one whose level does what it
+    will while the valve stands open."""
+    rng, time = np.random.default_rng(4), 0.5 * np.arange(120)
+    valve = np.minimum(np.arange(120.0), 1.0)[:, None]
+    level = np.exp(-0.1 * time) if empties else 1.0 + np.cumsum(rng.normal(0.0, 0.2, 120))
+    measured = (level + rng.normal(0.0, 0.01, 120))[:, None]
+    record = Experiment("run", time, valve, measured, ("valve",), ("h",))
+    flat = compile_text(BASIN, Path("Basin.mo"))
+    null = fit_null(flat, load_sites(flat), [record], "zoh")
+    null = replace(null, flat=null.flat.with_theta({**null.fit.theta, "k": 0.2}))
+    assert bool(undriven(null)) is not empties
 
 
 def test_few_independent_samples_say_nothing_on_either_data():

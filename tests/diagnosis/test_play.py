@@ -149,3 +149,15 @@ def test_play_that_is_wider_than_its_signal_is_not_told(monkeypatch, width: floa
     told = SimpleNamespace(theta={"play.width": width})
     candidate = SimpleNamespace(effect=effect, name="play")
     assert (reasons.too_wide(None, candidate, told) == "") is is_told
+
+
+@pytest.mark.parametrize(("a", "is_told"), [(0.3, True), (-0.06, True), (-0.097, False)])
+def test_a_gain_that_turns_its_signal_back_is_not_told(monkeypatch, a: float, is_told: bool) -> None:
+    """A flow that decays from 10: with -0.06 its summit is at 8.3 and nearly all comes through at 10, with
+    -0.097 it is at 5.2 and next to nothing does."""
+    signal = 10.0 * np.exp(-0.05 * np.arange(100.0))
+    along = np.stack([signal, signal + a * signal * np.abs(signal)])
+    monkeypatch.setattr(reasons, "_along", lambda *_: along)
+    effect = next(e for e in effect_library() if e.name == "QuadraticGain")
+    candidate = SimpleNamespace(effect=effect, name="bend")
+    assert (reasons.turned_back(None, candidate, None) == "") is is_told

@@ -802,6 +802,31 @@ def test_law_beyond_the_recordings_is_not_in_the_way_of_one_that_explains_nearly
     assert not found["Offset"].reason or "but it lies beyond" in found["Offset"].reason
 
 
+@pytest.mark.parametrize(
+    ("reason", "place", "verdict"),
+    [
+        (f"{reasons.NO_BEND}: it is a gain of 0.911 and an offset of 1.34", "", "supported"),
+        (f"{reasons.NO_BEND}: it is a gain of 0.911 and an offset of 1.34", "elsewhere", "rejected"),
+        ("it is shaky", "", "rejected"),
+    ],
+)
+def test_law_without_its_bend_is_not_in_the_way_of_the_gain_that_it_is(reason, place, verdict):
+    """A thermometer that is off in gain and offset together: a law with two parameters takes both."""
+    gain = replace(law_told("Gain", 40.0, g=(-0.05, 0.002)), explained=0.3)
+    limit = law_told("Saturation", 90.0, share=(0.1, 0.01), limit=(18.0, 2.0))
+    site = replace(limit.candidate.site, name=place or limit.candidate.site.name)
+    straight = replace(
+        limit,
+        candidate=replace(limit.candidate, site=site),
+        verdict="rejected",
+        reason=reason,
+        is_open=True,
+        explained=0.8,
+    )
+    found = {p.candidate.effect.name: p for p in ranked([gain, straight])}
+    assert found["Gain"].verdict == verdict
+
+
 @pytest.mark.parametrize(("error", "verdict"), [(0.5, "rejected"), (0.7, "supported")])
 def test_lag_beside_a_short_one_that_simulates_unseen_data_far_better_is_none(error, verdict):
     seen = law_told("Lag", 300.0, T=(2e-2, 1e-3))

@@ -8,7 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from daest.data.faults import Samples, Series, absurd, clock_findings, column_findings, pair_findings
+from daest.data.faults import (
+    Samples,
+    Series,
+    absurd,
+    clock_findings,
+    column_findings,
+    displaced,
+    pair_findings,
+)
 from daest.data.limits import DATA
 from daest.data.prepare import whole_period
 from daest.data.read import find_time
@@ -16,6 +24,7 @@ from daest.data.table import Column, Table, column_unit, in_seconds, unit_findin
 from daest.model.experiment import ColumnSummary, DataCheck, Experiment, Finding, Role
 from daest.quantities import converts
 
+OFF_ALREADY = ("check-outliers", "check-dropouts", "check-saturation", "check-stuck")  # of the same values
 ANGLES = {"rad": 2.0 * np.pi, "deg": 360.0, "°": 360.0, "rev": 1.0}  # units of one turn
 
 
@@ -84,7 +93,10 @@ def _checked(
         samples = Samples(column.name, column.role, time, column.values, driven, clock).part(known)
         summaries.append(_summary(column, samples))
         if samples.values.size:
-            findings += [*column_findings(samples, int((~known).sum())), *_turned(column)]
+            of_column = column_findings(samples, int((~known).sum()))
+            if not any(one.code in OFF_ALREADY for one in of_column):
+                of_column += displaced(samples, [c.values[known] for c in columns if c is not column])
+            findings += [*of_column, *_turned(column)]
         else:
             findings.append(Finding("check-missing", "warning", column.name, "holds no value"))
     findings += _pairs(time, columns, clock)

@@ -24,6 +24,7 @@ from daest.quantities import converts
 NEXT_LEVELS = 5  # beside a limit, that it is compared with
 NEIGHBOURS = 12  # samples on either side of a spike
 SPAN = 4  # samples of a third difference
+WRITTEN_DECIMALS = 6  # at most, of a reading
 
 
 @dataclass(frozen=True)
@@ -79,14 +80,19 @@ class Samples:
 
     @cached_property
     def resolution(self) -> float | None:
-        """Distance of the lattice on which the values stand; None where they do not."""
+        """Distance of the lattice on which the values stand; None where they do not. Steps of a converter
+        that are written with a few digits are equal to the last of these alone."""
         gaps = np.diff(self.levels[0])
         if gaps.size == 0:
             return None
         smallest = float(np.quantile(gaps, 0.05))
-        ratio = gaps / smallest
-        off = np.abs(ratio - np.round(ratio))
-        return smallest if float(np.max(off / np.maximum(ratio, 1.0))) < DATA.lattice else None
+        digit = _last_digit(self.levels[0])
+        if digit > DATA.digit_of_step * smallest:
+            digit = 0.0
+        step = float(np.mean(gaps[gaps <= smallest + 2.0 * digit])) if digit else smallest
+        ratio = gaps / step
+        off = np.maximum(np.abs(ratio - np.round(ratio)) - digit / step, 0.0)
+        return step if float(np.max(off / np.maximum(ratio, 1.0))) < DATA.lattice else None
 
     @cached_property
     def noise(self) -> float | None:
@@ -105,6 +111,15 @@ class Samples:
             DATA.noise_steps * step, DATA.written_digits * float(np.quantile(np.abs(self.values), 0.99))
         )
         return size if changes > DATA.white_changes and size > least else None
+
+
+def _last_digit(values: np.ndarray) -> float:
+    """What one is worth in the last decimal with which the values (n,) are written; zero where they have more
+    decimals than anybody writes of a reading."""
+    for decimals in range(WRITTEN_DECIMALS + 1):
+        if np.all(np.abs(values - np.round(values, decimals)) < 1e-9 * np.maximum(np.abs(values), 1e-3)):
+            return float(10.0**-decimals)
+    return 0.0
 
 
 def column_findings(samples: Samples, n_missing: int) -> list[Finding]:
@@ -187,16 +202,22 @@ def _saturation(samples: Samples, pile: float = DATA.limit_pile) -> list[Finding
             continue
         starts, lengths = samples.runs
         at_limit = (values[starts] == limit) & (lengths >= 2)
-        if at_limit.sum() < 2 or _edge(samples, starts[at_limit], lengths[at_limit]) < DATA.limit_edge:
+        visits = _visits(samples, limit, starts[at_limit])
+        if visits < 2 or _edge(samples, starts[at_limit], lengths[at_limit]) < DATA.limit_edge:
             continue
         share = 100 * count / values.size
-        text = (
-            f"stays at its {name} limit {limit:.6g} in {share:.2g} % of the samples ({at_limit.sum()} times)"
-        )
+        text = f"stays at its {name} limit {limit:.6g} in {share:.2g} % of the samples ({visits} times)"
         level: Level = "warning" if samples.role == "output" else "note"
         first = float(samples.time[starts[at_limit][0]])
         found.append(Finding("check-saturation", level, samples.name, text, first, int(count)))
     return found
+
+
+def _visits(samples: Samples, limit: float, starts: np.ndarray) -> int:
+    """How often a signal comes to `limit`, where runs of it begin at `starts` (n,): a signal at rest between
+    two steps of its converter flickers from one to the other, and has not left in between."""
+    away = np.abs(samples.values - limit) > 1.5 * (samples.resolution or 0.0)
+    return int(np.unique(np.cumsum(away)[starts]).size)
 
 
 def _usual_count(levels: np.ndarray, counts: np.ndarray) -> float:
@@ -315,6 +336,39 @@ def _bursts(samples: Samples) -> list[Finding]:
     text = f"jumps to and fro by up to {worst:.4g} in {count} samples ({len(stretches)} time(s)), noise "
     text += f"{samples.noise:.3g} elsewhere"
     return [Finding("check-outliers", "warning", samples.name, text, at, count)]
+
+
+def displaced(samples: Samples, others: Sequence[np.ndarray]) -> list[Finding]:
+    """A stretch of an output that is off by far, between a jump and one back while none of the `others`, the
+    columns (n,), jumps: of a plug that was touched. A pulse of an input shows in that, and a machine that
+    is knocked does not come back in one sample."""
+    values, changes = samples.values, np.diff(samples.values)
+    if samples.role != "output" or values.size < DATA.told_values:
+        return []
+    *_, usual, _, _ = np.sort(np.abs(changes))
+    first, last = np.sort(np.argsort(np.abs(changes))[-2:])
+    jump, back, count = changes[first], changes[last], int(last - first)
+    if min(abs(jump), abs(back)) <= DATA.stuck_jump * usual or not SPAN <= count <= DATA.burst * values.size:
+        return []
+    if abs(jump + back) >= DATA.neighbours_agree * abs(jump):
+        return []
+    if any(_jumps_at(other, at) for other in others for at in (first, last)):
+        return []
+    at, end = (float(samples.time[k + 1]) for k in (first, last))
+    text = (
+        f"is off by {jump:.4g} at {at:.6g} {samples.clock} for {end - at:.4g} {samples.clock}, in {count} "
+        "samples between a jump and one back that no other column tells of"
+    )
+    return [Finding("check-outliers", "warning", samples.name, text, at, count)]
+
+
+def _jumps_at(values: np.ndarray, at: int) -> bool:
+    """Whether a column (n,) moves by much of its range from sample `at` on, or one sample beside that. What
+    is missing may have."""
+    known = values[np.isfinite(values)]
+    reach = DATA.jump_beside * (float(np.ptp(known)) if known.size else 0.0)
+    there = np.abs(np.diff(values))[max(at - 1, 0) : at + 2]
+    return not np.all(np.isfinite(there)) or bool(np.any(there[there > 0.0] >= reach))
 
 
 def _stretches(loud: np.ndarray) -> list[np.ndarray]:

@@ -234,7 +234,8 @@ def driven_share(model: Null) -> float | None:
     largest over the outputs, None where no input moves or the model cannot be simulated.
 
     They move from their mean over all experiments: an input that was switched before the recordings began
-    hardly changes in any of them, and tells as much by its levels."""
+    hardly changes in any of them, and tells as much by its levels. So does the state that a recording begins
+    with: a tank that empties through an open valve tells the valve as if that were not recorded."""
     runs = free_runs(model, model.experiments)
     if runs is None:
         return None
@@ -252,8 +253,18 @@ def driven_share(model: Null) -> float | None:
             return None
         moved = np.sqrt(np.mean((run.outputs - still.outputs) ** 2, axis=0))
         spread = np.nanstd(experiment.outputs, axis=0)
-        shares.append(float(np.max(moved[spread > 0.0] / spread[spread > 0.0], initial=0.0)))
+        moves = spread > 0.0
+        by_inputs = moved[moves] / spread[moves]
+        by_start = _foreseen(experiment.outputs[:, moves], still.outputs[:, moves])
+        shares.append(float(np.max([*by_inputs, *by_start], initial=0.0)))
     return max(shares, default=None)
+
+
+def _foreseen(measured: np.ndarray, simulated: np.ndarray) -> np.ndarray:
+    """The share (n_y,) of the spread of measured outputs (n_samples, n_y) that a simulation foresees, zero
+    where that is too little to say that it moves as they do: a free start fits a part of any course."""
+    left = np.sqrt(np.nanmean((measured - simulated) ** 2, axis=0)) / np.nanstd(measured, axis=0)
+    return np.where(100.0 * (1.0 - left) > GATES.min_driven_fit, 1.0 - left, 0.0)
 
 
 def in_use(before: Simulated | None, after: Simulated | None) -> InUse:

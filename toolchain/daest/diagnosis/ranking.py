@@ -11,7 +11,7 @@ import numpy as np
 
 from daest.diagnosis.candidates import scaled_shapes
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.reasons import is_significant
+from daest.diagnosis.reasons import NO_BEND, STRAIGHT, is_significant
 from daest.diagnosis.trials import Trial
 from daest.diagnosis.unseen import is_worse
 from daest.model.diagnosis import Ahead, Candidate, Proof, Screen
@@ -433,12 +433,19 @@ def _is_in_the_way(refused: Proof, best: Proof) -> bool:
     )
     if not (refused.is_open or (refused.is_vague and does_more)) or _ends_in_a_simpler_law(refused, best):
         return False
-    if _is_same_where_alike(refused, best):
+    if _is_same_where_alike(refused, best) or is_straight_there(refused, best):
         return False
     # Of a law that shows too little of its form the data say nothing but that something small is left.
     if not refused.is_known and best.explained >= GATES.all_explained:
         return False
     return _is_likelier_part(refused, best) or not _unseen_ratio(refused, best) < GATES.max_rival_error
+
+
+def is_straight_there(refused: Proof, best: Proof) -> bool:
+    """Whether a law that the recordings show without its bend stands where the best one is a gain or an
+    offset: it is both together, and so speaks for either and for no other law."""
+    is_straight = refused.reason.startswith(NO_BEND) and best.candidate.effect.class_name in STRAIGHT
+    return is_straight and refused.candidate.site == best.candidate.site
 
 
 def _ends_in_a_simpler_law(refused: Proof, best: Proof) -> bool:

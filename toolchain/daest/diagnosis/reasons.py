@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daest.diagnosis.candidates import scaled_by, scaled_shapes
-from daest.diagnosis.certainty import KnownProduct, bends, certainty_of, known_products
+from daest.diagnosis.certainty import KnownProduct, bends, certainty_of, is_bend, known_products
 from daest.diagnosis.free_forms import covers
 from daest.diagnosis.free_starts import free_runs
 from daest.diagnosis.gates import GATES
@@ -320,6 +320,23 @@ def creeping(model: Null, candidate: Candidate, told: FitResult) -> str:
     return f"its follower creeps within the width ({2.0 * half:.4g}), which whatever relaxes does as well"
 
 
+def turned_back(model: Null, candidate: Candidate, told: FitResult) -> str:
+    """Why a gain that falls with its signal is not what its name says, where less comes through the more goes
+    in over much of what the recordings reach: the first term of a bend does not hold that far, and whatever
+    holds a signal back where it begins largest does the same. Empty where more comes through all along, or
+    little less."""
+    if not any(is_bend(p) for p in candidate.effect.sizes):
+        return ""
+    along = _along(model, candidate, told)
+    if along is None:
+        return ""
+    u, y = np.abs(along)
+    summit = int(np.argmax(y))
+    if y[np.argmax(u)] >= (1.0 - GATES.max_turned) * y[summit]:
+        return ""
+    return f"it turns its signal back beyond {u[summit]:.3g} (recorded to {u.max():.3g}), as no gain does"
+
+
 def too_wide(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why play at a signal is not what its name says, where it is wider than all that the signal does in the
     recordings: a follower that was pushed once is never pushed back, and where each piece of a record has a
@@ -348,6 +365,7 @@ def _resting(u: np.ndarray, first: float, half: float) -> np.ndarray:
 
 
 NO_BEND = "the recordings show no bend of it"
+STRAIGHT = (GAIN, "Daest.Effects.Signals.Offset")  # what a law without its bend is
 
 
 def straight(model: Null, candidate: Candidate, told: FitResult) -> str:
@@ -507,7 +525,7 @@ def beyond_recordings(model: Null, candidate: Candidate, told: FitResult) -> str
     """Why the law lies beyond what the recordings reach or show; empty where it does not."""
     reason = out_of_reach(model, candidate, told) or too_slow(model.experiments, candidate, told)
     reason = reason or shut(model, candidate, told) or too_wide(model, candidate, told)
-    reason = reason or creeping(model, candidate, told)
+    reason = reason or creeping(model, candidate, told) or turned_back(model, candidate, told)
     return reason or straight(model, candidate, told)
 
 

@@ -24,7 +24,7 @@ from daest.diagnosis.late_signals import LAG
 from daest.diagnosis.null import Null, period_of, simulation_options
 from daest.diagnosis.proof import bic_gain
 from daest.diagnosis.ranking import errors_last, most_likely
-from daest.diagnosis.reasons import NO_BEND, unseen_scales
+from daest.diagnosis.reasons import NO_BEND, STRAIGHT, unseen_scales
 from daest.diagnosis.screen import NullObserver
 from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.trials import SHARPER, Prepared, Trial, with_kinks_bounded
@@ -50,7 +50,6 @@ MOST_SIMPLER = 2
 MOST_SHAPED = 2  # of the place of an accepted law, beside it
 MOST_ROUNDED = 2  # laws at other places
 ITERATIONS = 15
-STRAIGHT = ("Daest.Effects.Signals.Gain", "Daest.Effects.Signals.Offset")
 LAGS = (1.0, 10.0, 100.0)  # sampling periods, from which the size of a delay or lag is looked for
 BENT_LAGS = LAGS[:2]  # the same where every run takes longer
 DETECTABLE_SHARES = (10.0, 100.0)  # of the size that the screen would see, for storage

@@ -15,7 +15,7 @@ from daest.diagnosis.load_starts import LoadStart, takes_over
 from daest.diagnosis.noise_level import RECORDED, simulates_to_noise
 from daest.diagnosis.null import Null, slowest_at
 from daest.diagnosis.parts import Parts
-from daest.diagnosis.ranking import errors_last, is_settled
+from daest.diagnosis.ranking import errors_last, is_settled, is_straight_there
 from daest.diagnosis.reasons import is_significant, told_values
 from daest.diagnosis.recorded_late import EarlierInputs
 from daest.diagnosis.screen import NullObserver, promising_pairs
@@ -535,12 +535,28 @@ def _told_of(evidence: Evidence, proof: Proof) -> str:
         text += f" The sensors cannot tell it from the same effect at {_listed(proof.equivalent)}."
     if proof.same_as:
         text += f" On these recordings it is the same equation as {_listed(proof.same_as)}."
+    text += _of_both(evidence, proof)
     if proof.left is not None and is_significant(proof.left, proof.delta_log_likelihood):
         text += f" Something else is missing besides: what is left follows {proof.left.label}."
     ratio = _error_ratio(evidence, proof)
     told = _errors(evidence, proof) + _importance(evidence, proof) + _left_over(evidence, proof)
     told += _certainty(evidence, proof)
     return text + told + foreseen_by(evidence, proof, GATES.max_told_ratio * min(ratio, 1.0))
+
+
+def _of_both(evidence: Evidence, proof: Proof) -> str:
+    """That a signal is off in gain and offset together, where a law without its bend says more of it than the
+    one of both that is accepted; empty where none does."""
+    likelier = [
+        p
+        for p in evidence.proofs
+        if is_straight_there(p, proof) and p.delta_bic > proof.delta_bic + GATES.same_bic
+    ]
+    if not likelier:
+        return ""
+    both = max(likelier, key=lambda p: p.delta_bic)
+    says = f"{both.candidate.label} says more (BIC {both.delta_bic - proof.delta_bic:.0f})"
+    return f" Gain and offset are off together: {says}, but {both.reason}."
 
 
 def _importance(evidence: Evidence, proof: Proof) -> str:
