@@ -1673,6 +1673,14 @@ def test_law_that_is_less_likely_is_no_rival_by_parameters_that_nobody_knows(std
         delta_bic=simple.delta_bic - worse,
     )
     assert [p.verdict for p in ranked([rich, simple])] == ["supported", "rejected"]
+    # What simulates unseen data far better is another law: the root of a level is no constant flow.
+    far = {**better, "validation": replace(before, rms={"phi": 0.3 * before.rms["phi"]})}
+    other = replace(rich, final=replace(simple.told, simulated=far))
+    verdicts = [(p.candidate.effect.name, p.verdict) for p in ranked([other, simple])]
+    if worse <= GATES.same_bic:
+        assert verdicts == [("Richer", "not separable"), (simple.candidate.effect.name, "not separable")]
+    else:
+        assert verdicts[0] == (simple.candidate.effect.name, "supported")
     elsewhere = replace(
         rich, candidate=replace(rich.candidate, site=replace(rich.candidate.site, name="bearing"))
     )

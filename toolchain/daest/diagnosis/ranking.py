@@ -274,7 +274,8 @@ def _place(best: Proof, proof: Proof) -> tuple[bool, float, int, float, float, f
     """What a proof is ranked by, smallest first. Of laws that foresee unseen data clearly better and alike,
     the one with the fewest parameters of any kind is first; of those whose simulation says as much, the one
     that takes more of the load."""
-    ratio = 1.0 if proof.verdict == "rejected" or _is_vague(proof, best) else _unseen_ratio(best, proof)
+    is_same = _is_vague(proof, best) and not _is_far_nearer(proof, best)
+    ratio = 1.0 if proof.verdict == "rejected" or is_same else _unseen_ratio(best, proof)
     n_parameters = len(proof.candidate.effect.parameters) if ratio < GATES.max_rival_error else 0
     ratio = round(min(ratio, GATES.max_rival_error), 2)
     is_as_likely = proof.is_by_use and proof.verdict != "rejected"
@@ -486,18 +487,24 @@ def _lasts(best: Proof, refused: Proof) -> bool:
 def _is_rival(one: Proof, best: Proof) -> bool:
     """Whether an accepted law is not put aside by the best one: it is as likely; or it foresees unseen data
     clearly better, which counts where the rest of the model is not right either. One that goes beyond the
-    best by parameters that nobody knows is a rival where they make it likelier: without them it is the best
-    one, which no data could tell it from. A law that is better in one output and worse in another is missing
-    besides."""
+    best by parameters that nobody knows is a rival where they make it likelier, since without them it is the
+    best one, which no data could tell it from; or as likely, if unseen data are simulated far better: then it
+    is another one. A law that is better in one output and worse in another is missing besides."""
     if _is_of_the_kink(one, best):
         return False
     if _is_vague(one, best):
-        return _bic(one) > _bic(best)
+        return _bic(one) > _bic(best) or _is_far_nearer(one, best)
     return (
         abs(_bic(best) - _bic(one)) <= GATES.same_bic
         or _unseen_ratio(best, one) < GATES.max_rival_error
         or _is_as_good(best, one)
     )
+
+
+def _is_far_nearer(one: Proof, best: Proof) -> bool:
+    """Whether a law is as likely as the best one, and simulates unseen data far better."""
+    is_as_likely = abs(_bic(best) - _bic(one)) <= GATES.same_bic
+    return is_as_likely and _unseen_ratio(best, one) < GATES.max_told_ratio
 
 
 def _is_contradicted(best: Proof, one: Proof) -> bool:
