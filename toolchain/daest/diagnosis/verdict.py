@@ -626,12 +626,11 @@ def _of_steady(proof: Proof, ratios: Mapping[str, float]) -> dict[str, float]:
 
 
 def _lasting(proof: Proof, after: FitResult, limit: float) -> str:
-    """A sentence on the output whose errors in a simulation of unseen data last longest, of those that do not
-    add up; empty where none is more than `limit` times its part without memory. The error one sample ahead
-    says nothing of it where no load can take the place of what is missing: the noise of the sensor then
-    stands for it."""
-    name, ratio = most_lasting(after.simulated, proof.holding if proof.adds_up else None)
-    if ratio < limit:
+    """A sentence on the output whose errors in a simulation of unseen data last longest; empty where none is
+    more than `limit` times its part without memory, or they add up. The error one sample ahead says nothing
+    of it where no load can take the place of what is missing: the noise of the sensor then stands for it."""
+    name, ratio = most_lasting(after.simulated)
+    if proof.adds_up or ratio < limit:
         return ""
     return (
         f" What a simulation leaves of {name} lasts: it is {ratio:.2g} times its part without memory, "

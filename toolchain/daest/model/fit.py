@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -168,16 +168,13 @@ def ratios_by_output(
     return {name: float("inf") if rms is None else rms / was for name, rms, was in pairs if was}
 
 
-def most_lasting(
-    simulated: Mapping[str, Agreement], names: Collection[str] | None = None
-) -> tuple[str, float]:
-    """The output, of those `names` if they are given, whose errors in a simulation of unseen data last
-    longest, and how many times their part without memory they are; 0 where nothing is known."""
+def most_lasting(simulated: Mapping[str, Agreement]) -> tuple[str, float]:
+    """The output whose errors in a simulation of unseen data last longest, and how many times their part
+    without memory they are; 0 where nothing is known."""
     seen = simulated.get("validation")
     if seen is None:
         return "", 0.0
-    asked = {name: white for name, white in seen.white.items() if names is None or name in names}
-    pairs = ((name, seen.rms.get(name), white) for name, white in asked.items())
+    pairs = ((name, seen.rms.get(name), white) for name, white in seen.white.items())
     ratios = [(rms / white, name) for name, rms, white in pairs if rms and white]
     ratio, name = max(ratios, default=(0.0, ""))
     return name, ratio
