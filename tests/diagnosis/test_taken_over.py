@@ -88,7 +88,9 @@ def test_values_of_a_simulation_are_taken_by_the_product_of_its_errors(
     """A noisy speed beside an angle."""
     flat = compile_text(CAR, Path("Car.mo"))
     before, after = simulated((0.6, 3.0)), simulated(fitted, is_adrift)
-    null = SimpleNamespace(estimated=("ms",), experiments=(), hold="foh", fit=before.fit, explicit=None)
+    null = SimpleNamespace(
+        estimated=("ms",), experiments=(), hold="foh", fit=before.fit, explicit=None, alone=None
+    )
     monkeypatch.setattr(stands, "falls_over", lambda *_: False)
     references = [before, after]
     monkeypatch.setattr(stands, "identify", lambda *given: after.fit)
@@ -103,7 +105,9 @@ def test_values_that_foresee_worse_are_not_held(monkeypatch):
     before, after = simulated((0.6, 3.0)), simulated((0.02, 1.9), False)
     for reference, unseen in ((before, 1.0), (after, 4.0)):
         reference.fit.simulated["validation"] = SimpleNamespace(rms={"y": unseen, "w": 3.0})
-    null = SimpleNamespace(estimated=("ms",), experiments=(), hold="foh", fit=before.fit, explicit=None)
+    null = SimpleNamespace(
+        estimated=("ms",), experiments=(), hold="foh", fit=before.fit, explicit=None, alone=None
+    )
     monkeypatch.setattr(stands, "falls_over", lambda *_: False)
     references = [before, after]
     monkeypatch.setattr(stands, "identify", lambda *given: after.fit)
