@@ -874,6 +874,18 @@ def test_flexible_part_that_says_no_more_than_a_refused_lag_is_refused(ahead, ve
     assert any(p.verdict == "supported" for p in ranked([same, lag]))
 
 
+@pytest.mark.parametrize(("ahead", "verdict"), [(0.0, "rejected"), (20.0, "supported")])
+def test_limit_of_a_rate_that_says_no_more_than_a_lag_whose_time_nobody_knows_is_refused(ahead, verdict):
+    """Dry friction beside a flexible part had been a limit of the rate of the input."""
+    limit = law_told("RateLimit", 300.0, share=(0.99, 0.02), limit=(1.4, 0.15))
+    unknown = "the data determine none of its sizes"
+    lag = replace(law_told("Lag", 300.0 - ahead, T=(0.5, 0.21)), verdict="rejected", reason=unknown)
+    found = next(p for p in ranked([limit, replace(lag, is_vague=True)]) if p.candidate is limit.candidate)
+    assert found.verdict == verdict
+    assert not found.reason or found.reason.endswith(f"but {unknown}")
+    assert ranked([limit, lag])[0].candidate is limit.candidate
+
+
 @pytest.mark.parametrize(("behind", "is_rival"), [(4.5, True), (5.5, False)])
 def test_another_law_that_foresees_unseen_data_as_well_is_a_rival_until_it_is_far_less_likely(
     behind, is_rival

@@ -128,10 +128,13 @@ def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
     """Laws with states are refused that say no more than a simpler lag or delay which is too short to be told
     from others, or only comes near: a flexible part with three parameters imitates the lag of a sensor; and
     any law that says less than such a one with no more parameters. So is a lag with which unseen data are
-    simulated far worse than with another one that is too short: a part that swings is neither."""
+    simulated far worse than with another one that is too short: a part that swings is neither. And a law with
+    states of a signal that says no more than a lag there whose time nobody knows: a limit of its rate."""
     lags, result = [p for p in proofs if p.is_any_dynamics or p.comes_near], []
+    unknown = [p for p in proofs if p.is_vague and p.candidate.is_of_signal and p.candidate.is_dynamic]
     for proof in proofs:
-        simpler = [p for p in lags if is_simpler(p.candidate, proof.candidate)]
+        there = [p for p in unknown if p.candidate.site == proof.candidate.site and p is not proof]
+        simpler = [p for p in (*lags, *there) if is_simpler(p.candidate, proof.candidate)]
         more = GATES.same_bic if proof.candidate.effect.n_states else -GATES.same_bic
         same = next((p for p in simpler if proof.delta_bic <= p.delta_bic + more), None)
         if proof.verdict != "rejected" and same is not None:
