@@ -219,11 +219,16 @@ RAMS = PRESS.replace("    Ram ram;\n", "    Ram ram;\n    Ram other;\n").replace
 PAIR = RAMS.replace("Ram ram;\n    Ram other;", "Ram ram[2];").replace("ram.a", "ram[1].a")
 PAIR = PAIR.replace("other.a", "ram[2].a").replace("ram.s", "ram[1].s")
 
+DIVIDED = PAIR.replace(
+    "300*der(v) = 200*p - 1e5*s - 8000*v;", "der(v) = (200*p - 1e5*s - 8000*v)/m;"
+).replace("    Oil a;\n", '    Oil a;\n    parameter Real m(unit = "kg") = 300;\n')
+
 
 @pytest.mark.parametrize(
     ("text", "places"),
     [
         (PRESS, ("ram.v",)),
+        (DIVIDED, ("ram[2].v",)),
         (RAMS, ("other.v",)),
         (RAMS, ("ram.v", "other.v")),
         (PAIR, ("ram[2].v",)),

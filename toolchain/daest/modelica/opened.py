@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from daest.errors import Place
 from daest.model.effects import Domain
@@ -25,7 +25,7 @@ from daest.modelica.attach import free_name
 from daest.modelica.balances import Balance, converted_text, in_connectors, needs_position
 from daest.modelica.components import expression_end
 from daest.modelica.connectors import connectors_of, outside_of_term
-from daest.modelica.factors import Entry, factor_text, multiplied
+from daest.modelica.factors import Entry, factor_text
 from daest.modelica.internal_forces import InternalForce
 from daest.modelica.joints import PORTS
 from daest.modelica.meshes import Mesh
@@ -63,7 +63,7 @@ _IN_SERIES: dict[Domain, tuple[str, str]] = {  # the class, and the flow along t
     "electrical": ("Voltage", "i"),
     "hydraulic": ("PressureDrop", "q"),
 }
-_NAME = re.compile(r"[A-Za-z_][\w.]*")  # in the text of an equation
+_NAME = re.compile(r"(?<![\w.])[A-Za-z_][\w.\[\]]*")  # in the text of an equation
 _TOTAL = "total"  # the variable of a term that stands in the equation
 _NOTHING = re.compile(r" \+ 0(?![\w.])")  # of the terms of other elements of an equation of vectors
 _SECTIONS = ("equation", "algorithm", "then", "else", "loop")
@@ -82,13 +82,10 @@ def term_connector(flat: FlatModel, rows: Iterable[int], domain: Domain) -> str 
     one of the model itself; of equations of a component that of its own beside it."""
     wanted = set(rows)
     owner = flat.equations[min(wanted)].origin
-    known = connectors_of(flat.unknowns)
-    for end, connector in known.items():
-        term = end.rpartition(".")[0]
-        total = f"{term}.{_TOTAL}"
-        places = [i for i, e in enumerate(flat.equations) if e.origin == owner]
-        whole = re.compile(rf"(?<![\w.]){re.escape(total)}(?!\w)")
-        holding = {i for i in places if whole.search(flat.equations[i].text)}
+    named = {i: _NAME.findall(e.text) for i, e in enumerate(flat.equations) if e.origin == owner}
+    for end, connector in connectors_of(flat.unknowns).items():
+        total = f"{end.rpartition('.')[0]}.{_TOTAL}"
+        holding = {i for i, names in named.items() if total in names}
         if connector.domain == domain and holding == wanted:
             return outside_of_term(end) if owner else end
     return None
@@ -99,43 +96,17 @@ def opened_balance(
 ) -> tuple[bytes, str]:
     """The text with a component of Daest.Terms in the equation of `balance`, and the connector of that
     component. Raises NotOpened."""
-    if flat.equations[balance.row].origin:
-        return _opened_inside(source, flat, balance, domain)
-    name = free_name(f"{_plain(flat.unknowns[balance.variable].name)}_term", taken)
-    entries = (balance_entry(flat, balance, domain),)
-    return _with_terms(source, flat, entries, _term(flat, balance, domain, name)), _end(name, domain)
-
-
-def _opened_inside(source: bytes, flat: FlatModel, balance: Balance, domain: Domain) -> tuple[bytes, str]:
-    """As `opened_balance`, of a balance of a component: in its class, with a connector of that, which is left
-    open in all components of the class but one. Raises NotOpened."""
     owner = flat.equations[balance.row].origin
-
-    def own(text: str) -> str:
-        """What the class itself calls its variables."""
-        return re.sub(rf"(?<![\w.]){re.escape(owner)}\.", "", text)
-
-    variable = own(flat.unknowns[balance.variable].name)
-    name = free_name(f"{_plain(variable)}_term", (own(one) for one in flat.unknown_names))
-    entry, row = balance_entry(flat, balance, domain), _row_at(source, flat, balance.row)
-    factor = factor_text(entry.factor, flat)
-    if factor is None or not row.left or any(not one.startswith(f"{owner}.") for one in _names_in(factor)):
-        raise NotOpened("is a binding, or divided by what the class of its component does not name")
-    outside = outside_of_term(_end(name, domain))
-    line = own(_term(flat, balance, domain, name).line)
-    port = f'{PORTS[domain]} {outside} "Connects to {name}";'
-    mark = "+" if entry.sign > 0 else "-"
-    edits = _with_term(row.left, f"{mark} {multiplied(f'{name}.{_TOTAL}', own(factor))}")
-    start = row.left[0].start
-    before = source[source.rfind(b"\n", 0, start) + 1 : start].decode()
-    behind = " " if before.strip() else f"\n{before}"
-    edits.append(Edit(start, start, f"connect({_end(name, domain)}, {outside});{behind}"))
-    edits.append(_declared(source, row.words, line, port))
-    return edited(source, edits), f"{owner}.{outside}"
-
-
-def _names_in(text: str) -> list[str]:
-    return [name for name in _NAME.findall(text) if name[0].isalpha() or name[0] == "_"]
+    within = f"{owner}." if owner else ""
+    known = [x.name.removeprefix(within) for x in flat.unknowns] if owner else taken
+    name = free_name(f"{_plain(flat.unknowns[balance.variable].name.removeprefix(within))}_term", known)
+    entries, end = (balance_entry(flat, balance, domain),), _end(name, domain)
+    term = _term(flat, balance, domain, name)
+    if not owner:
+        return _with_terms(source, flat, entries, term), end
+    outside = outside_of_term(end)
+    term = replace(term, owner=owner, port=f'{PORTS[domain]} {outside} "Connects to {name}";')
+    return _with_terms(source, flat, entries, term, f"connect({end}, {outside});"), f"{owner}.{outside}"
 
 
 def with_loop_written_out(source: bytes, flat: FlatModel, number: int) -> bytes:
@@ -188,30 +159,44 @@ def opened_mesh(source: bytes, flat: FlatModel, mesh: Mesh, taken: Iterable[str]
     if not uses:
         raise NotOpened(f"does not name `{voltage}`, from which the voltage would be taken")
     edits = [Edit(w.start, w.end, mesh.lowered(voltage, f"{name}.{_TOTAL}")) for w in uses]
-    return edited(source, [*edits, _declared(source, row.words, term.line)]), name
+    return edited(source, [*edits, _declared(source, row.words, *term.lines)]), name
 
 
 @dataclass(frozen=True)
 class _Term:
-    """A component of Daest.Terms: its name, its class with name and modification, and what it is for."""
+    """A component of Daest.Terms: its name, its class with name and modification, and what it is for. In the
+    class of the component `owner`, if there is one, with the declaration of a `port` of that."""
 
     name: str
     declared: str
     about: str
+    owner: str = ""
+    port: str = ""
 
     @property
-    def line(self) -> str:
+    def lines(self) -> tuple[str, ...]:
         about = self.about.replace("\\", "\\\\").replace('"', '\\"')
-        return f'Daest.Terms.{self.declared} "{about}";'
+        line = self.own(f'Daest.Terms.{self.declared} "{about}";')
+        return (line, self.port) if self.port else (line,)
+
+    def own(self, text: str) -> str:
+        """The text with the names by which the class of the owner calls its variables."""
+        return re.sub(rf"(?<![\w.]){re.escape(self.owner)}\.", "", text) if self.owner else text
+
+    def is_within(self, text: str) -> bool:
+        """Whether the class of the owner has all that a text names."""
+        return not self.owner or all(name.startswith(f"{self.owner}.") for name in _NAME.findall(text))
 
 
 def _end(name: str, domain: Domain) -> str:
     return f"{name}.{_TERMS[domain][2]}"
 
 
-def _with_terms(source: bytes, flat: FlatModel, entries: Sequence[Entry], term: _Term) -> bytes:
+def _with_terms(
+    source: bytes, flat: FlatModel, entries: Sequence[Entry], term: _Term, connection: str = ""
+) -> bytes:
     """The text with the sum of the term in every row of the `entries`, on the left where the sign is
-    positive."""
+    positive, and with a `connection` before the first of them."""
     rows = [(_row_at(source, flat, entry.row), entry) for entry in entries]
     if len({row.head for row, _ in rows}) > 1:
         raise NotOpened("stands in equations of several classes")
@@ -220,6 +205,9 @@ def _with_terms(source: bytes, flat: FlatModel, entries: Sequence[Entry], term: 
         added = entry.term(f"{term.name}.{_TOTAL}", flat)
         if added is None:
             raise NotOpened("is divided by what cannot be written")
+        if not term.is_within(factor_text(entry.factor, flat) or ""):
+            raise NotOpened("is divided by what the class of its component does not name")
+        added = term.own(added)
         # A binding has nothing on its left that a term could be added to.
         is_left = entry.sign > 0 and bool(row.left)
         mark = "-" if entry.sign > 0 and not is_left else "+"
@@ -227,7 +215,19 @@ def _with_terms(source: bytes, flat: FlatModel, entries: Sequence[Entry], term: 
         elements[row.element] = added
         shown = f"{{{', '.join(elements)}}}" if row.n_elements > 1 else added
         edits += _with_term(row.left if is_left else row.right, f"{mark} {shown}")
-    return edited(source, [*edits, _declared(source, rows[0][0].words, term.line)])
+    if connection:
+        edits.append(_before(source, rows[0][0], connection))
+    return edited(source, [*edits, _declared(source, rows[0][0].words, *term.lines)])
+
+
+def _before(source: bytes, row: _Row, statement: str) -> Edit:
+    """A statement before the equation of a row."""
+    if not row.left:
+        raise NotOpened("is a binding, beside which no connection stands")
+    start = row.left[0].start
+    before = source[source.rfind(b"\n", 0, start) + 1 : start].decode()
+    behind = " " if before.strip() else f"\n{before}"
+    return Edit(start, start, f"{statement}{behind}")
 
 
 @dataclass(frozen=True)
