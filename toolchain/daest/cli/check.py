@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import click
 
@@ -25,8 +25,10 @@ from daest.errors import DaestError
 if TYPE_CHECKING:
     from daest.data.prepare import Preparation
     from daest.data.project import Project
-    from daest.model.experiment import DataCheck, Finding, Role
+    from daest.model.experiment import DataCheck, Experiment, Finding, Role
     from daest.model.flat import Model
+
+    Compared: TypeAlias = tuple[DataCheck, Experiment | None]
 
 
 @click.command("check", epilog=example("daest check run1.csv", "daest check Servo.mo run1.csv --from 10"))
@@ -62,31 +64,27 @@ def command(
     if flat is not None and not flat.has_equations:
         _tell_walls()
     window = data_options.preparation(project)
-    checks = [checked(path, project, flat, window) for path in paths]
-    if flat is not None and not files.data and project.validate:
-        checks = _with_repeated(checks, project, flat, window)
+    n_seen = len(paths) if files.data else len(project.estimate)
+    pairs: list[Compared] = []
+    for path in paths:
+        check, recording = _compared(path, project, flat, window)
+        pairs.append((check, recording if n_seen < len(paths) else None))  # else nobody asks for it again
+    checks = [*(check for check, _ in pairs[:n_seen]), *_with_repeated(pairs[:n_seen], pairs[n_seen:])]
     emit(documents.document(checks), "check", form, output, texts.text)
     return int(any(check.warnings for check in checks))
 
 
-def _with_repeated(
-    checks: Sequence[DataCheck], project: Project, flat: Model, window: Preparation
-) -> list[DataCheck]:
-    """The checks of the recordings of daest.toml, with the samples that estimate and validate."""
-    from daest.cli.recordings import measured_recordings
+def _with_repeated(seen: Sequence[Compared], unseen: Sequence[Compared]) -> list[DataCheck]:
+    """The checks of the recordings that validate, with the samples that they share with those that are
+    `seen`."""
     from daest.data.repeated import repeated_findings
 
-    n = len(project.estimate)
-    try:
-        _, read = measured_recordings(flat, project, [*project.estimate, *project.validate], window)
-    except DaestError:  # told of the recording by itself
-        return list(checks)
-    repeated: dict[str, list[Finding]] = {recording.name: [] for recording in read[n:]}
-    for name, finding in repeated_findings(read[:n], read[n:]):
-        repeated[name].append(finding)
-    later = zip(checks[n:], read[n:], strict=True)
-    more = [replace(check, findings=(*check.findings, *repeated[one.name])) for check, one in later]
-    return [*checks[:n], *more]
+    estimating, validating = ([one for _, one in pairs if one is not None] for pairs in (seen, unseen))
+    repeated = repeated_findings(estimating, validating)
+    return [
+        replace(check, findings=(*check.findings, *(f for name, f in repeated if name == check.name)))
+        for check, _ in unseen
+    ]
 
 
 def _tell_walls() -> None:
@@ -101,6 +99,13 @@ def _tell_walls() -> None:
 def checked(path: Path, project: Project, flat: Model | None, window: Preparation | None = None) -> DataCheck:
     """The check of one file, or of its part in the `window`, against the model if there is one. Raises
     DataError where it cannot be read."""
+    return _compared(path, project, flat, window)[0]
+
+
+def _compared(
+    path: Path, project: Project, flat: Model | None, window: Preparation | None = None
+) -> Compared:
+    """As `checked`, and the recording as the model takes it; None where it cannot, or without a model."""
     from daest.cli.recordings import signals
     from daest.data.check import check_table
     from daest.data.match import clock_findings, unitless_findings
@@ -112,7 +117,7 @@ def checked(path: Path, project: Project, flat: Model | None, window: Preparatio
     as_told = with_units(read_table(path), project.units)
     table = within(counted_in(clock, as_told, project.time), window.start, window.stop, project.time)
     if flat is None:
-        return check_table(table, {}, project.time)
+        return check_table(table, {}, project.time), None
     inputs, outputs = signals(flat, project)
     roles: dict[str, Role] = dict.fromkeys((signal.header for signal in inputs), "input")
     roles.update(dict.fromkeys((signal.header for signal in outputs), "output"))
@@ -120,12 +125,14 @@ def checked(path: Path, project: Project, flat: Model | None, window: Preparatio
     check = check_table(table, roles, project.time, clock, units)
     doubts = unitless_findings(table, [*inputs, *outputs])
     doubts += clock_findings(as_told, clock, project.time)
-    findings = (*_against(path, project, flat, window), *doubts, *check.findings)
-    return replace(check, findings=findings)
+    against, recording = _against(path, project, flat, window)
+    return replace(check, findings=(*against, *doubts, *check.findings)), recording
 
 
-def _against(path: Path, project: Project, flat: Model, window: Preparation) -> Sequence[Finding]:
-    """What the model says about a recording; what makes it unreadable is one of the findings."""
+def _against(
+    path: Path, project: Project, flat: Model, window: Preparation
+) -> tuple[Sequence[Finding], Experiment | None]:
+    """What the model says about a recording, and that; what makes it unreadable is one of the findings."""
     from daest.cli.recordings import measured_recordings
     from daest.data.contradictions import model_findings
 
@@ -133,8 +140,8 @@ def _against(path: Path, project: Project, flat: Model, window: Preparation) -> 
         measured, experiments = measured_recordings(flat, project, [path], window)
     except DaestError as error:
         # Rows that share their fault and their time have one text: their places are not told here.
-        return list(dict.fromkeys(_unusable(problem) for problem in error.problems or (error,)))
-    return model_findings(measured, experiments[0])
+        return list(dict.fromkeys(_unusable(problem) for problem in error.problems or (error,))), None
+    return model_findings(measured, experiments[0]), experiments[0]
 
 
 def _unusable(problem: DaestError) -> Finding:
