@@ -619,6 +619,11 @@ def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
     passing = replace(as_good, ahead=(Ahead(1, 0.01, 1.06, -2.8), Ahead(30, 0.3, 1.02, -0.1)))
     assert ranked([replace(proof, adds_up=False), passing])[0].verdict == "supported"
     assert ranked([replace(proof, adds_up=False), replace(shaky, ahead=lasting)])[0].verdict == "supported"
+    # Or what makes them clearly likelier, and likelier than the accepted law does.
+    held, known = replace(proof, adds_up=False, confirmed=Confirmed(60.0, 3.5)), Confirmed(96.0, 3.3)
+    assert ranked([held, replace(passing, confirmed=known)])[0].verdict == "rejected"
+    assert ranked([held, replace(passing, confirmed=replace(known, certainty=1.0))])[0].verdict == "supported"
+    assert ranked([held, replace(passing, confirmed=replace(known, gain=50.0))])[0].verdict == "supported"
 
 
 def test_law_that_its_simulation_shows_is_held_against_a_refused_one_beside_the_loads():

@@ -471,11 +471,18 @@ def _is_likelier_part(refused: Proof, best: Proof) -> bool:
 
 
 def _is_torn(refused: Proof, best: Proof) -> bool:
-    """Whether predictions of unseen data speak against a law, and their simulation, or those over the longest
-    horizon, do not: that is better than the best law's, or as good."""
+    """Whether predictions of unseen data speak against a law, and their simulation, those over the longest
+    horizon, or their likelihood do not: that is better than the best law's, or as good."""
     if not any(is_worse(one) for one in refused.ahead):
         return False
-    return _unseen_ratio(best, refused) < GATES.max_rival_error or _lasts(best, refused)
+    is_longer = _unseen_ratio(best, refused) < GATES.max_rival_error or _lasts(best, refused)
+    return is_longer or _is_confirmed_more(refused, best)
+
+
+def _is_confirmed_more(refused: Proof, best: Proof) -> bool:
+    """Whether a law makes unseen data clearly likelier, and likelier than the best one does."""
+    is_clear = refused.confirmed.certainty > GATES.likelier_significance
+    return is_clear and refused.confirmed.gain > best.confirmed.gain
 
 
 def _lasts(best: Proof, refused: Proof) -> bool:
