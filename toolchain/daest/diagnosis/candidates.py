@@ -113,7 +113,7 @@ def _is_stored(grown: ExplicitModel, candidate: Candidate) -> bool:
 
 def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experiment, ...]:
     """The experiments with the recorded signals that the effect needs as further inputs."""
-    names = tuple(candidate.inputs.values())
+    names = () if candidate.effect.is_of_variable else tuple(candidate.inputs.values())
     return tuple(e.driven_by(names) for e in experiments) if names else tuple(experiments)
 
 
@@ -158,7 +158,7 @@ def in_shapes(
         if _turns_on(candidate, reached):
             result.append([])
             continue
-        units, shaped = units_at(flat, candidate.effect, candidate.site, clock), []
+        units, shaped = units_at(flat, candidate.effect, candidate.site, clock, candidate.inputs), []
         proved = _proved(candidate, reached)
         for number, values in enumerate(_shapes(candidate, reached, counts)):
             name = f"{candidate.name}_{number + 1}"
@@ -428,7 +428,7 @@ def _dense(function: ca.Function) -> ca.Function:
 def _shapes(
     candidate: Candidate, ranges: Mapping[str, float], counts: Mapping[str, float]
 ) -> list[dict[str, float]]:
-    """Values of shape and sharpness parameters to try."""
+    """Values of shape and sharpness parameters to try, beside those that the candidate has."""
     axes = []
     for parameter in candidate.effect.parameters:
         if parameter.role not in ("shape", "sharpness") or not parameter.grid:
@@ -444,7 +444,7 @@ def _shapes(
         if shown is not None and shown not in tried:
             tried.append(shown)
         axes.append([(parameter.name, value) for value in tried])
-    combinations = [dict(choice) for choice in product(*axes)]
+    combinations = [candidate.shape | dict(choice) for choice in product(*axes)]
     step = -(-len(combinations) // MOST_SHAPES)
     return combinations[::step]
 

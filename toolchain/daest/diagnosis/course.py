@@ -9,6 +9,7 @@ from math import inf
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.dead_times import DELAY
+from daest.diagnosis.dependences import dependence_screen
 from daest.diagnosis.disturbance import SmoothedLoad
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.late_signals import LAG, late_signals
@@ -70,6 +71,7 @@ from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers
 
 MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve over some variable
+MOST_DEPENDENCES = 3  # parameters that change with a variable
 MOST_CONSTANTS = 2  # loads and offsets, of all that are simulated in the end
 FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the first is not supported
 
@@ -112,6 +114,7 @@ class Course:
         proofs = self._with_storage(stages, proofs)
         proofs = self._with_lag_told_apart(stages, proofs)
         proofs = self._with_dead_time_for_lag(stages, proofs)
+        proofs = self._with_dependences(stages, proofs)
         proofs = stages.shown_in_use(proofs)
         proofs = self._with_leaders_in_use(stages, proofs)
         proofs = self._with_leaders_near_given(proofs)
@@ -282,6 +285,19 @@ class Course:
             return proofs
         untried = _untried(self._dead_times_for(best), [proof.candidate for proof in proofs])
         return [*proofs, *stages.proved(stages.prepared(untried), proofs)[0]]
+
+    def _with_dependences(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
+        """All laws, with the parameters that change with a variable and lead the screen of these, where no
+        law is accepted and something is left to explain, or the accepted one leaves most of it."""
+        if not (self._is_open(proofs) or self._leaves_most(proofs)):
+            return proofs
+        self.progress("screening parameters that change with a variable")
+        stand = self.stand
+        found = dependence_screen(stand.null, self.loads.run, stand.declared, self.library, self.options.seed)
+        if found is None:
+            return proofs
+        leaders = trials(found, GATES.screen_level, MOST_DEPENDENCES)
+        return [*proofs, *stages.proved(stages.prepared(leaders), proofs)[0]]
 
     def _dead_times_for(self, lag: Proof) -> list[Trial]:
         """The dead time at the signal of a lag, from the time of that."""

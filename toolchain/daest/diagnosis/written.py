@@ -77,7 +77,11 @@ def _written(
 ) -> Written:
     flat = compile_model(path, class_name, libraries)
     candidate = proof.candidate
-    inputs = {signal: _identifier(column, flat) for signal, column in candidate.inputs.items()}
+    is_own = candidate.effect.is_of_variable
+    inputs = {
+        signal: with_names(column, names) if is_own else _identifier(column, flat)
+        for signal, column in candidate.inputs.items()
+    }
     extension = extend_model(
         path,
         class_name,
@@ -95,7 +99,8 @@ def _written(
         libraries=libraries,
         target=target,
     )
-    return Written(extension, columns={inputs[s]: column for s, column in candidate.inputs.items()})
+    columns = {} if is_own else {inputs[s]: column for s, column in candidate.inputs.items()}
+    return Written(extension, columns=columns)
 
 
 def _changed(flat: FlatModel, theta: Mapping[str, float], names: Mapping[str, str]) -> dict[str, float]:

@@ -43,7 +43,8 @@ class EffectParameter:
     `proof`, such a multiple, is what a refit takes in place of the values that the screen tries: what lets a
     size of nothing be seen may blur one that is there.
     `signal_unit` is "u", "u/s", "1/u" or "1/(u.s)" for a parameter in the unit of the signal or amount that
-    the effect sits on, in that per second, in one over it, or in one over it per second.
+    the effect sits on, in that per second, in one over it, or in one over it per second; "z" or "1/z" for one
+    in the unit of the variable that a parameter changes with, or in one over it.
     `periods_over` is the effect's variable over a period of 2*pi of which the effect repeats as often as the
     parameter says: the screen adds the whole number of periods that the data show to `grid`, or, where they
     show less than a turn, any number, which is then fitted. Where `scale_of` is given, too, the parameter is
@@ -132,6 +133,11 @@ class Effect:
         return tuple(p for p in self.parameters if p.role == "size")
 
     @property
+    def is_of_variable(self) -> bool:
+        """Whether its further signal is a variable of the model, with which a parameter changes."""
+        return self.attach == "parameter" and bool(self.inputs)
+
+    @property
     def is_limit(self) -> bool:
         """Whether it cuts a share of what is beyond its limit."""
         return any(p.is_share for p in self.sizes)
@@ -192,7 +198,7 @@ class Site:
 class Placement:
     """An effect at a site under the name of its component (empty: a free one), with the values of its
     parameters and, for its `Effect.inputs`, the names of the model's inputs that supply them (default
-    NAME_INPUT, a new one)."""
+    NAME_INPUT, a new one); at a parameter, those of any variables of the model."""
 
     effect: Effect
     site: Site

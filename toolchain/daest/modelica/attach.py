@@ -243,7 +243,8 @@ class _Assembly:
         """A component at one place; of the component `shared` it takes the parameters."""
         effect, site = placement.effect, placement.site
         member = self._member(placement, shared)
-        self._supply(member, placement)
+        if not effect.is_of_variable:
+            self._supply(member, placement)
         if site.kind == "node":
             self._join(member, effect.connectors[0], site.connectors[0])
         elif site.kind in ("component", "pair"):
@@ -271,7 +272,7 @@ class _Assembly:
         elif site.kind == "signal":
             self._behind_signal(member, site.name)
         else:
-            self._instead(member, site.name)
+            self._instead(member, site.name, placement.inputs)
 
     def _member(self, placement: Placement, shared: str = "") -> _Member:
         """The effect's variables, parameters and equations, with nothing connected yet."""
@@ -319,7 +320,7 @@ class _Assembly:
         model's, and those of a `shared` component are this one's."""
         check_values(member.effect, placement.values)
         roles = {p.name: p for p in member.effect.parameters}
-        units = units_at(self.flat, member.effect, placement.site, self._clock)
+        units = units_at(self.flat, member.effect, placement.site, self._clock, placement.inputs)
         symbols: list[ca.SX] = []
         for parameter in member.model.parameters:
             full = f"{member.name}.{parameter.name}"
@@ -599,16 +600,33 @@ class _Assembly:
             self.equations[rows[at]] = replace(equation, text=text, origin=origin)
             self.residual[rows[at]] = expression
 
-    def _instead(self, member: _Member, name: str) -> None:
-        """The uses of a parameter take the effect's formula, of one equation `y = …` in u and time."""
+    def _instead(self, member: _Member, name: str, inputs: Mapping[str, str]) -> None:
+        """The uses of a parameter take the effect's formula, of one equation `y = …` in u, time and those
+        variables of the model that `inputs` names."""
         row = next(i for i, e in enumerate(self.equations) if e.origin == member.name)
         formula = -ca.substitute(self.residual[row], member.symbols["y"], 0)
         formula = ca.substitute(formula, member.symbols["u"], self._values[name])
         shown = _renamed(self.equations[row].text.partition(" = ")[2], f"{member.name}.u", name)
+        for own in member.effect.inputs:
+            variable = inputs.get(own, "")
+            formula = ca.substitute(formula, member.symbols[own], self._variable(variable, member, own))
+            shown = _renamed(shown, f"{member.name}.{own}", variable)
         del self.equations[row], self.residual[row]
         for _ in member.model.unknowns:
             del self.unknowns[-1], self.xi[-1], self.derivatives[-1]
         self._substitute(self._values[name], formula, name, f"({shown})", member)
+
+    def _variable(self, name: str, member: _Member, own: str) -> ca.SX:
+        """The symbol of a variable or input of the model. Raises ModelError where there is none."""
+        known = self._symbol | {x.name: u for x, u in zip(self.inputs, self.u, strict=True)}
+        if name not in known:
+            raise ModelError(
+                "effect-parameter",
+                f"{member.effect.name} needs a variable of the model for `{own}`"
+                + (f", and `{name}` is none" if name else ""),
+                remedy=f"{did_you_mean(name, known, 2) if name else ''}Name one: --input {own}=VARIABLE.",
+            )
+        return known[name]
 
     def _before_output(self, member: _Member, name: str) -> None:
         at = [y.name for y in self.outputs].index(name)

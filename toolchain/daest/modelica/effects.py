@@ -46,7 +46,7 @@ _CATALOGUE = "Daest__Catalogue"
 _SIGNALS: tuple[Attachment, ...] = ("signal", "input", "output", "parameter")
 _ATTACHMENTS: tuple[Attachment, ...] = ("connector", "parallel", "series", *_SIGNALS)
 _ROLES: tuple[ParameterRole, ...] = ("size", "shape", "sharpness", "given")
-_SIGNAL_UNITS = ("", "u", "u/s", "1/u", "1/(u.s)")
+_SIGNAL_UNITS = ("", "u", "u/s", "1/u", "1/(u.s)", "z", "1/z")
 MOST_KEPT = 100  # catalogues of effects in the cache
 _KEYS = (
     "effect",
@@ -564,11 +564,11 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
         documentation=source.documentation,
         libraries=libraries,
     )
-    if effect.attach == "parameter" and not _is_formula(model):
+    if effect.attach == "parameter" and not _is_formula(model, effect.inputs):
         raise source.error(
             "attach",
             'attach = "parameter" needs one equation `y = …`',
-            "Write it without other variables than u.",
+            "Write it without other variables than u and the declared inputs.",
         )
     if not effect.sizes:
         raise source.error(
@@ -577,9 +577,9 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
     return _Entry(effect, model, across)
 
 
-def _is_formula(model: EffectModel) -> bool:
+def _is_formula(model: EffectModel, inputs: Sequence[str]) -> bool:
     names = [x.name for x in model.unknowns]
-    return sorted(names) == ["u", "y"] and model.equations[0].text.startswith(f"{OWN}y = ")
+    return sorted(names) == sorted(["u", "y", *inputs]) and model.equations[0].text.startswith(f"{OWN}y = ")
 
 
 def _check_connectors(source: _Source, connectors: Sequence[str]) -> None:
@@ -611,7 +611,8 @@ def _parameter(parameter: Parameter, source: _Source) -> EffectParameter:
             "unit",
             f"unit of `{parameter.name}`",
             'Write "u" for the unit of the signal, "u/s" for that per second, "1/u" for one over it, '
-            '"1/(u.s)" for one over it per second.',
+            '"1/(u.s)" for one over it per second; "z" and "1/z" are those of a variable that a parameter '
+            "changes with.",
         )
     null = entries.get("null", 0 if role == "size" else None)
     grid = entries.get("grid", ())

@@ -32,7 +32,7 @@ from daest.modelica.nested_modifications import (
 from daest.modelica.outline import NO_CODE, class_heads
 from daest.modelica.sizes import with_last_elements
 
-_VERSION = "34"  # of what is kept; another one throws away what is there
+_VERSION = "35"  # of what is kept; another one throws away what is there
 _NAME = re.compile(rb"(?<![\w.])\.?[A-Za-z_]\w*(?:\s*\.\s*[A-Za-z_]\w*)*")
 _ALIAS = re.compile(
     rb"\b(?:import|package|model|function|type|block|connector|record|class|operator)\s+([A-Za-z_]\w*)"

@@ -32,6 +32,7 @@ from daest.modelica.opened import (
     opened_input,
     opened_mesh,
     opened_output,
+    opened_parameter,
     opened_signal,
     output_binding,
     term_connector,
@@ -189,11 +190,12 @@ def extend_model(
     component = name or component_name(effect, names_of(flat))
     placement = Placement(effect, site, component, values or {}, inputs or {})
     draft = _Draft(changes=_changes(parameters or {}, original))
-    units = units_at(flat, effect, site)
+    units = units_at(flat, effect, site, inputs=placement.inputs)
     for one in one_by_one(placement, names_of(flat)):
         shared = component if one.name != component else ""
         draft.declarations.append(_declaration(one, units, held, shared))
-        _supply(draft, one, flat)
+        if not effect.is_of_variable:
+            _supply(draft, one, flat)
         original = _connect(draft, one, original)
     own_name = _class_name(original, effect.name, new_name)
     place = f"in {site.aliases[0]}" if site.kind == "equation" else f"at {site.name}"
@@ -536,10 +538,7 @@ def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Origi
     elif site.kind == "signal":
         original = _behind_signal(draft, placement, original)
     else:
-        raise original.refusal(
-            f"{effect.name} at `{site.name}` cannot be written: a parameter does not change with time",
-            "Declare it in the model as a variable.",
-        )
+        original = _instead(draft, placement, original)
     return original
 
 
@@ -753,6 +752,26 @@ def _behind_signal(draft: _Draft, placement: Placement, original: _Original) -> 
         draft.replace(clause)
         draft.connect(f"{placement.name}.y", clause.right if clause.left == name else clause.left)
     return original
+
+
+def _instead(draft: _Draft, placement: Placement, original: _Original) -> _Original:
+    """The model whose equations take the effect's result for a parameter that the class itself declares, and
+    hands on to nothing."""
+    name, flat = placement.site.name, original.flat
+    symbol = next(x for p, x in zip(flat.parameters, ca.vertsplit(flat.theta), strict=True) if p.name == name)
+    if "." in name or "[" in name or ca.depends_on(flat.derived_values, symbol):
+        raise original.refusal(
+            f"{placement.effect.name} at `{name}` cannot be written: a component takes it as a parameter, "
+            "which does not change with time",
+            "Declare it in the class of the component as a variable.",
+        )
+    with _opening(original, f"the parameter `{name}`"):
+        source, variable = opened_parameter(original.source, flat, name, names_of(flat))
+    draft.changes.append(f"{variable} = {placement.name}.y")
+    draft.equations.append(f"{placement.name}.u = {name};")
+    for own in placement.effect.inputs:
+        draft.equations.append(f"{placement.name}.{own} = {placement.inputs[own]};")
+    return original.changed(source)
 
 
 def _before_output(draft: _Draft, placement: Placement, original: _Original) -> _Original:

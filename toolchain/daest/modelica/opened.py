@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from daest.errors import Place
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
-from daest.model.parts import Equation, Variable
+from daest.model.parts import Equation, Parameter, Variable
 from daest.modelica.attach import free_name
 from daest.modelica.balances import Balance, converted_text, in_connectors, needs_position
 from daest.modelica.components import expression_end
@@ -326,6 +326,12 @@ def opened_input(source: bytes, flat: FlatModel, name: str, taken: Iterable[str]
     return _used_through(source, flat, next(v for v in flat.inputs if v.name == name), taken)
 
 
+def opened_parameter(source: bytes, flat: FlatModel, name: str, taken: Iterable[str]) -> tuple[bytes, str]:
+    """The text whose equations use the parameter through a variable, and the name of that. Raises
+    NotOpened."""
+    return _used_through(source, flat, next(p for p in flat.parameters if p.name == name), taken)
+
+
 def opened_signal(
     source: bytes, flat: FlatModel, name: str, given: Equation, taken: Iterable[str]
 ) -> tuple[bytes, str]:
@@ -343,7 +349,11 @@ def opened_signal(
 
 
 def _used_through(
-    source: bytes, flat: FlatModel, symbol: Variable, taken: Iterable[str], given: Collection[int] = ()
+    source: bytes,
+    flat: FlatModel,
+    symbol: Variable | Parameter,
+    taken: Iterable[str],
+    given: Collection[int] = (),
 ) -> tuple[bytes, str]:
     """The text whose equations use `symbol` through a variable of its own, and the name of that variable; the
     equation whose words begin at the bytes `given` stays."""

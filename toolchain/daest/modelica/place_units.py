@@ -26,9 +26,20 @@ _NOT_BY_SECONDS = (_SIGNAL, _INVERSE, _INVERSE_RATE)  # nothing to convert, or c
 _TOLERANCE = 1e-9  # relative, of numbers that rounding alone makes differ
 
 
-def units_at(flat: FlatModel, effect: Effect, site: Site, clock: str | None = None) -> dict[str, str]:
+def units_at(
+    flat: FlatModel,
+    effect: Effect,
+    site: Site,
+    clock: str | None = None,
+    inputs: Mapping[str, str] | None = None,
+) -> dict[str, str]:
     """Unit of every parameter of `effect` at `site` of the model, by its name; empty where it is not known.
-    The `clock` is that of the model (`clock_unit`), for who asks for many effects."""
+    The `clock` is that of the model (`clock_unit`), for who asks for many effects. `inputs` names the
+    variables that a parameter changes with."""
+    if effect.is_of_variable:
+        known = {x.name: x.unit for x in (*flat.unknowns, *flat.inputs)}
+        unit = known.get((inputs or {}).get(effect.inputs[0], ""), "")
+        return {p.name: _of_variable(p, unit) for p in effect.parameters}
     clock = clock_unit(flat) if clock is None else clock
     units = _units_in_seconds(flat, effect, site, clock)
     if clock == "s":
@@ -130,11 +141,22 @@ def _of_signal(parameter: EffectParameter, unit: str, clock: str) -> str:
     if not unit or written == _SIGNAL:
         return unit
     if written == _INVERSE:
-        return "1" if unit == "1" else f"1/({unit})" if set(unit) & set("./") else f"1/{unit}"
+        return _one_over(unit)
     if written == _INVERSE_RATE:
         over, _, under = unit.partition("/")
         return f"1/{clock}" if unit == "1" else f"{under.strip('()') or 1}/({over}.{clock})"
     return (f"({unit})" if "/" in unit else unit) + written.removeprefix(_SIGNAL)
+
+
+def _of_variable(parameter: EffectParameter, unit: str) -> str:
+    """`z` stands for the unit of a variable that a parameter changes with, `1/z` for one over it."""
+    if not parameter.signal_unit:
+        return parameter.unit
+    return unit if parameter.signal_unit == "z" or not unit else _one_over(unit)
+
+
+def _one_over(unit: str) -> str:
+    return "1" if unit == "1" else f"1/({unit})" if set(unit) & set("./") else f"1/{unit}"
 
 
 def balances_flows(flat: FlatModel, balance: Balance) -> bool:

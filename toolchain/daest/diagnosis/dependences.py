@@ -1,0 +1,77 @@
+"""Parameters that change with a variable of the model: a resistance that falls as it warms.
+
+The first term of such a dependence is an effect of the library, which is tried where no other law explains
+what is missing: there are as many of them as parameters times variables, and most have a physical law that
+says the same and more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from itertools import product
+
+import casadi as ca
+import numpy as np
+
+from daest.diagnosis.free_forms import internal_variables
+from daest.diagnosis.null import Null
+from daest.diagnosis.screen import NullObserver, screen
+from daest.errors import EstimationError
+from daest.model.diagnosis import Candidate, Screen
+from daest.model.effects import Effect
+from daest.model.flat import Model
+from daest.modelica.attach import free_name, names_of
+from daest.modelica.sites import sites
+
+MOST_PAIRS = 200  # of parameters and variables, which are tried
+DIGITS = 0.1  # of the spread of a variable, to which its middle is told
+
+
+def dependence_screen(
+    null: Null, run: NullObserver, declared: Model, library: Sequence[Effect], seed: int
+) -> Screen | None:
+    """Scores of all parameters of the `declared` model that may change with a state, an input or a measured
+    variable; None where there are none, or none can be attached."""
+    candidates = dependences(null, run, declared, library)
+    if not candidates:
+        return None
+    try:
+        return screen(null, run, candidates, seed)
+    except EstimationError:
+        return None
+
+
+def dependences(
+    null: Null, run: NullObserver, declared: Model, library: Sequence[Effect]
+) -> tuple[Candidate, ...]:
+    """Every parameter of the `declared` model beside every variable that it may change with, from the middle
+    that this has in the recordings."""
+    places = [site for site in sites(declared) if site.kind == "parameter"]
+    middles = _middles(null, run, most=MOST_PAIRS // max(len(places), 1))
+    taken: Collection[str] = names_of(null.flat)
+    found: list[Candidate] = []
+    for effect, (name, middle), site in product(library, middles.items(), places):
+        if effect.is_of_variable:
+            number = free_name(f"dependence_{len(found) + 1}", taken)
+            middles_of = {p.name: middle for p in effect.parameters if p.signal_unit == "z"}
+            found.append(Candidate(effect, site, number, middles_of, {effect.inputs[0]: name}))
+    return tuple(found)
+
+
+def _middles(null: Null, run: NullObserver, most: int) -> dict[str, float]:
+    """The means of the variables that move in all recordings, at most as many: measured ones, states,
+    inputs."""
+    courses = [internal_variables(null, run, i) for i in range(len(null.experiments))]
+    loads = {load.name for load in null.loads}
+    states = [name for name in null.explicit.state_names if name not in loads]
+    measured = [y.name() for y in ca.vertsplit(null.flat.output_expressions) if y.is_symbolic()]
+    wanted = dict.fromkeys((*measured, *states, *null.experiments[0].input_names))
+    shared = [name for name in wanted if all(name in course for course in courses)]
+    whole = {name: np.concatenate([course[name] for course in courses]) for name in shared[:most]}
+    return {name: _rounded(float(np.mean(x)), float(np.std(x))) for name, x in whole.items()}
+
+
+def _rounded(middle: float, spread: float) -> float:
+    """The mean of a variable to so many digits as its spread asks for."""
+    step = 10.0 ** np.floor(np.log10(DIGITS * spread)) if spread > 0.0 else 1.0
+    return float(f"{round(middle / step) * step:.12g}")
