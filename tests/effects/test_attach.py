@@ -31,7 +31,7 @@ def placed(class_name: str, place: str, **values: float):
     return attach(rig(), effect, find_site(rig(), place, effect), name="x", values=values)
 
 
-PLACES = [p for p in first_places() if p[0].name != "DriftingParameter"]
+PLACES = [p for p in first_places() if p[0].attach != "parameter"]
 EXAMPLES = examples(PLACES)
 OTHERS = [p for p in PLACES if p not in EXAMPLES]
 

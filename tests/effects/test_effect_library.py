@@ -71,7 +71,7 @@ EXPECTED = {
             *("AbsoluteValueSensor", "Drift", "Play", "Crosstalk", "RateLimit"),
         ]
     ),
-    "General": frozenset(["MeasuredInput", "DriftingParameter", "LearnedCurve"]),
+    "General": frozenset(["MeasuredInput", "DriftingParameter", "DependentParameter", "LearnedCurve"]),
 }
 # Written for an effect that no class describes; no hypothesis themselves.
 LEARNED_LOADS = {"LearnedTorque", "LearnedForce", "LearnedCurrent", "LearnedHeatFlow", "LearnedFlow"}

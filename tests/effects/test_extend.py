@@ -492,3 +492,38 @@ def test_held_parameter_is_final() -> None:
     assert [p.name for p in made.flat.parameters if p.name.startswith(f"{made.component}.")] == [
         "saturation.u_s"
     ]
+
+
+# --- parameters that change -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("class_name", "place", "inputs", "says"),
+    [
+        ("General.DependentParameter", "m", {"z": "T"}, ["(1 + m_used)*der(q)", "dependentParameter.z = T;"]),
+        ("General.DriftingParameter", "n", {}, ["F - n_used*v - m*der(v)", "n_used = driftingParameter.y"]),
+    ],
+)
+def test_a_parameter_of_bare_equations_becomes_a_variable(tmp_path, class_name, place, inputs, says) -> None:
+    file = tmp_path / "Cart.mo"
+    file.write_text(
+        BARE.replace("if n > 0.5 then\n    der(x) = F - x;\n  else\n    x = 1;\n  end if;", "x = F;")
+    )
+    flat = compile_model(file, "Cart")
+    effect = find_effect(class_name)
+    site = find_site(flat, place, effect)
+    made = extend_model(file, "Cart", effect, site, values={"r": 0.02}, inputs=inputs)
+    assert all(text in made.text for text in says)
+    merged = attach(flat, effect, site, values={"r": 0.02}, inputs=inputs)
+    drive = (np.linspace(0.0, 2.0, 21), np.tile([1.0, 30.0], (21, 1)))
+    expected = simulate(merged, drive).outputs
+    assert simulate(made.flat, drive).outputs == pytest.approx(expected, rel=1e-6, abs=1e-9)
+    assert np.abs(simulate(flat, drive).outputs - expected).max() > 1e-4
+
+
+def test_a_variable_that_a_parameter_changes_with_is_one_of_the_model(bare) -> None:
+    effect, flat = find_effect("General.DependentParameter"), compile_model(bare, "Cart")
+    for inputs, says in (({}, "--input z=VARIABLE"), ({"z": "TT"}, "Did you mean `T`?")):
+        with pytest.raises(ModelError, match=says) as caught:
+            extend_model(bare, "Cart", effect, find_site(flat, "m", effect), inputs=inputs)
+        assert caught.value.code == "effect-parameter"

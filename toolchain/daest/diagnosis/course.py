@@ -297,6 +297,7 @@ class Course:
         if found is None:
             return proofs
         leaders = trials(found, GATES.screen_level, MOST_DEPENDENCES)
+        stages = replace(stages, search=stages.search.among_more(found.n_screened))
         return [*proofs, *stages.proved(stages.prepared(leaders), proofs)[0]]
 
     def _dead_times_for(self, lag: Proof) -> list[Trial]:

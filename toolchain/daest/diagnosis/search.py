@@ -31,6 +31,10 @@ class Search:
     leader: Proof | None = None
     pieces: Stand | None = None
 
+    def among_more(self, n_screened: int) -> Search:
+        """The search over so many candidates besides."""
+        return replace(self, n_screened=self.n_screened + n_screened)
+
     @property
     def stand_in_use(self) -> Stand:
         """The stand over whose records laws are simulated."""

@@ -1,0 +1,75 @@
+"""Parameters that change with a variable of the model: a vessel that narrows as its pressure rises."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hidden_plants import library, model
+from scipy.integrate import solve_ivp
+
+from daest.diagnosis.dependences import dependence_screen, dependences
+from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.screen import run_null
+from daest.diagnosis.stand import begin, halved
+from daest.model.experiment import Experiment
+
+PERIOD, N, NOISE, MIDDLE = 0.05, 800, 0.5, 90.0
+
+
+@cache
+def record(share, load=0.0):
+    """Pressures while the resistance of the arteries grows by the `share` of it with their pressure, or with
+    a flow besides that wanders with the standard deviation `load`."""
+    rng = np.random.default_rng(8)
+    time = PERIOD * np.arange(N)
+    flow = np.maximum(0.0, np.sin(7.0 * time)) * np.repeat(rng.choice([120.0, 220.0, 350.0, 450.0], 20), 40)
+    leak = np.zeros(N)
+    for k in range(1, N):
+        leak[k] = 0.97 * leak[k - 1] + 0.24 * load * rng.standard_normal()
+    p = [np.array([80.0, 80.0])]
+    for k in range(N - 1):
+
+        def rates(_, x, k=k):
+            between = (x[0] - x[1]) / 0.11
+            out = x[1] / (0.95 * (1.0 + share * (x[1] - MIDDLE)))
+            return [(flow[k] - between) / 1.1, (between - out + leak[k]) / 1.7]
+
+        p.append(solve_ivp(rates, (0.0, PERIOD), p[-1], rtol=1e-8).y[:, -1])
+    measured = np.array(p) + NOISE * rng.standard_normal((N, 2))
+    return Experiment("record", time, flow[:, None], measured, ("q",), ("aorta", "arteries"))
+
+
+def stand_of(share, load=0.0):
+    return begin(model("Artery"), *halved((record(share, load),), ()), DiagnoseOptions(hold="zoh"))
+
+
+def test_every_parameter_is_tried_beside_every_variable_from_the_middle_of_this():
+    stand = stand_of(0.006)
+    found = dependences(stand.null, run_null(stand.null), stand.declared, library())
+    assert {c.label for c in found} == {
+        f"DependentParameter ({x}) at {p}" for x in ("p1", "p2", "q") for p in ("C1", "C2", "R1", "R2")
+    }
+    p2 = np.mean(record(0.006).outputs[: N // 2, 1])
+    (middle,) = {c.shape["z_0"] for c in found if c.inputs["z"] == "p2"}
+    assert middle == pytest.approx(p2, abs=2.0)
+
+
+def test_the_dependence_that_is_there_leads_the_screen_and_none_does_beside_a_load():
+    stand = stand_of(0.006)
+    found = dependence_screen(stand.null, run_null(stand.null), stand.declared, library(), seed=0)
+    assert found.entries[0].candidate.label == "DependentParameter (p2) at R2"
+    assert found.p_value < 1e-6
+    loaded = stand_of(0.0, 30.0)
+    none = dependence_screen(loaded.null, run_null(loaded.null), loaded.declared, library(), seed=0)
+    assert none.p_value > 0.05
+
+
+@pytest.mark.slow
+def test_a_dependence_is_named_where_no_law_of_the_library_leaves_as_little():
+    found = diagnose(model("Artery"), library(), (record(0.006),), options=DiagnoseOptions(hold="zoh"))
+    (proof,) = [p for p in found.proofs if p.verdict == "supported"]
+    assert proof.candidate.label == "DependentParameter (p2) at R2"
+    (rate,) = [p for p in proof.told.parameters if p.name.endswith(".r")]
+    at_middle = 0.006 / (1.0 + 0.006 * (proof.candidate.shape["z_0"] - MIDDLE))
+    assert rate.value == pytest.approx(at_middle, abs=4.0 * rate.std_error)
