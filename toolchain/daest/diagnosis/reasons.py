@@ -581,7 +581,7 @@ def told_values(proof: Proof) -> str:
         return f"{p.name.removeprefix(own)} not reached" if is_open else told_value(p)
 
     told = [said(p) for p in proof.told.parameters if p.name.startswith(own)]
-    told += _told_periods(proof.candidate)
+    told += [*_told_periods(proof.candidate), *_told_middles(proof.candidate)]
     return ", ".join(told + [_told(p.name, p) for p in known_products(proof.candidate, proof.told)])
 
 
@@ -606,6 +606,12 @@ def _told_periods(candidate: Candidate) -> list[str]:
     """What the screen, and no fit, has counted: how often a law repeats."""
     counted = [p for p in candidate.effect.parameters if p.periods_over and not p.estimate]
     return [f"{p.name} = {candidate.shape.get(p.name, p.start):.4g}" for p in counted]
+
+
+def _told_middles(candidate: Candidate) -> list[str]:
+    """Where a parameter that changes with a variable has its value."""
+    middles = [p for p in candidate.effect.parameters if p.signal_unit == "z"]
+    return [f"{p.name} = {candidate.shape[p.name]:.4g} {candidate.units[p.name]}".rstrip() for p in middles]
 
 
 def unexplained(explained: float, ratios: Sequence[float]) -> str:
