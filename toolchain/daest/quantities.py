@@ -233,6 +233,15 @@ def may_count_turns(given: str, chosen: str) -> bool:
     return is_count and parse_unit(chosen) in (counts, {"turn": 1, per: -1}, {"rad": 1, per: -1})
 
 
+def with_unit(number: str, unit: str) -> str:
+    """A number with its unit behind it, as texts tell it; alone where it has none.
+
+    >>> with_unit("2.5", "N.m"), with_unit("0.1", "1"), with_unit("3", "")
+    ('2.5 N.m', '0.1', '3')
+    """
+    return f"{number} {unit}" if unit not in ("", "1") else number
+
+
 def spoken_duration(seconds: float, clock: str = "s") -> str:
     """A duration for a text: in seconds below two minutes, else in minutes, hours or days; in `clock` where a
     model counts time in another unit."""

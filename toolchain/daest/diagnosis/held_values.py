@@ -22,6 +22,7 @@ from daest.diagnosis.settled import FAILURES
 from daest.diagnosis.stand import Stand, reference_of
 from daest.model.diagnosis import Proof
 from daest.model.fit import FitResult, FittedParameter, error_ratios
+from daest.quantities import with_unit
 
 MOST_ALIKE = 3  # values that do the same, of which each is estimated
 
@@ -89,8 +90,7 @@ class OtherValue:
     @property
     def text(self) -> str:
         """The value, and that which is given."""
-        unit = "" if self.parameter.unit == "1" else self.parameter.unit
-        held = f"{self.held:.4g} {unit}".rstrip()
+        held = with_unit(f"{self.held:.4g}", self.parameter.unit)
         told = f"`{self.parameter.name}`, {told_number(self.parameter)} instead of the {held} that is given"
         others = " or ".join(f"`{name}`" for name in self.alike)
         return f"{told} (or of {others}, which the sensors see alike)" if others else told

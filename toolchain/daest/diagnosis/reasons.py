@@ -27,7 +27,7 @@ from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter
 from daest.modelica.balances import needs_position
 from daest.modelica.clock import clock_unit
-from daest.quantities import spoken_duration
+from daest.quantities import spoken_duration, with_unit
 from daest.systems.linearize import has_affine_dynamics
 
 ABSOLUTE_VALUE = "Daest.Effects.Signals.AbsoluteValueSensor"
@@ -565,8 +565,7 @@ def _told(name: str, one: FittedParameter | KnownProduct) -> str:
 def told_number(one: FittedParameter | KnownProduct) -> str:
     """A value with its uncertainty and unit, as messages tell it."""
     error = "" if one.std_error is None else f" ± {one.std_error:.2g}"
-    unit = "" if one.unit == "1" else one.unit
-    return f"{one.value:.4g}{error} {unit}".rstrip()
+    return with_unit(f"{one.value:.4g}{error}", one.unit)
 
 
 def told_values(proof: Proof) -> str:
@@ -611,7 +610,9 @@ def _told_periods(candidate: Candidate) -> list[str]:
 def _told_middles(candidate: Candidate) -> list[str]:
     """Where a parameter that changes with a variable has its value."""
     middles = [p for p in candidate.effect.parameters if p.signal_unit == "z"]
-    return [f"{p.name} = {candidate.shape[p.name]:.4g} {candidate.units[p.name]}".rstrip() for p in middles]
+    return [
+        f"{p.name} = {with_unit(f'{candidate.shape[p.name]:.4g}', candidate.units[p.name])}" for p in middles
+    ]
 
 
 def unexplained(explained: float, ratios: Sequence[float]) -> str:

@@ -14,6 +14,7 @@ from daest.diagnosis.stand import Stand
 from daest.model.diagnosis import Diagnosis, Proof, VerdictName
 from daest.model.fit import FittedParameter
 from daest.model.parts import Parameter
+from daest.quantities import with_unit
 
 
 def limit_told(stand: Stand, proof: Proof) -> str:
@@ -92,5 +93,4 @@ def _is_far_off(one: FittedParameter, given: Parameter) -> bool:
 
 
 def _far_told(one: FittedParameter, given: Parameter) -> str:
-    unit = "" if one.unit == "1" else one.unit
-    return f"{one.name} = {told_number(one)} instead of {given.value:.4g} {unit}".rstrip()
+    return f"{one.name} = {told_number(one)} instead of {with_unit(f'{given.value:.4g}', one.unit)}"

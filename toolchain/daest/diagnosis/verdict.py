@@ -36,7 +36,7 @@ from daest.model.effects import Domain
 from daest.model.fit import Agreement, FitResult, error_ratios, most_lasting, ratios_by_output
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
-from daest.quantities import spoken_duration
+from daest.quantities import spoken_duration, with_unit
 
 MEASURED: dict[Domain, str] = {  # what could be measured between two places
     "rotational": "an angle, a speed or a torque",
@@ -849,14 +849,9 @@ def _smallest(seen: Sequence[Screened]) -> str:
     for entry in seen:
         size = entry.candidate.effect.sizes[0]
         law, label = entry.candidate.effect.name, entry.candidate.label + _of_form(entry.candidate)
-        unit = _shown_unit(entry.candidate.size_unit)
-        smallest.setdefault(law, f"{label} from {size.name} = {entry.detectable:.2g} {unit}".rstrip())
+        seen_from = with_unit(f"{entry.detectable:.2g}", entry.candidate.size_unit)
+        smallest.setdefault(law, f"{label} from {size.name} = {seen_from}")
     return "; ".join(list(smallest.values())[:4])
-
-
-def _shown_unit(unit: str) -> str:
-    """The unit as it stands behind a value: nothing for a number."""
-    return "" if unit == "1" else unit
 
 
 def _is_beyond(entry: Screened) -> bool:
@@ -870,8 +865,7 @@ def _of_form(candidate: Candidate) -> str:
     if not candidate.effect.sizes[0].is_share:
         return ""
     forms = [
-        f"{p.name} = {candidate.shape[p.name]:.3g} "
-        f"{_shown_unit(candidate.units.get(p.name) or p.unit)}".rstrip()
+        f"{p.name} = {with_unit(f'{candidate.shape[p.name]:.3g}', candidate.units.get(p.name) or p.unit)}"
         for p in candidate.effect.parameters
         if p.role == "shape" and p.estimate and p.name in candidate.shape
     ]

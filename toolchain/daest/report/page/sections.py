@@ -10,6 +10,7 @@ from typing import Any
 
 from daest.model.flat import Model
 from daest.model.holds import hold_text
+from daest.quantities import with_unit
 from daest.report.console import number
 from daest.report.documents.fit import FitDocument
 from daest.report.documents.parts import facts
@@ -364,8 +365,7 @@ def _sizes(step: Mapping[str, Any], model: Mapping[str, Any]) -> list[str]:
 
 def _with_error(p: Mapping[str, Any]) -> str:
     error = "" if p["std_error"] is None else f" ± {p['std_error']:.2g}"
-    unit = "" if p["unit"] == "1" else p["unit"]
-    return f"{p['value']:.4g}{error} {unit}".strip()
+    return with_unit(f"{p['value']:.4g}{error}", p["unit"])
 
 
 def _modelica(material: Material) -> Section:

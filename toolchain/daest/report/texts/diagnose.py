@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
+from daest.quantities import with_unit
 from daest.report.console import as_text, heading, indented, number, probability, table
 
 LEAST_GAIN = 1.0  # of log-likelihood: a load that buys less is not listed
@@ -102,8 +103,8 @@ def _label(candidate: Mapping[str, Any]) -> str:
 
 def size(name: str, parameter: Mapping[str, Any]) -> str:
     error = "" if parameter["std_error"] is None else f" ± {number(parameter['std_error'], 2)}"
-    unit = "" if parameter["unit"] == "1" else parameter["unit"]
-    return f"{name} = {number(parameter['value'])}{error} {unit}".rstrip()
+    told = with_unit(f"{number(parameter['value'])}{error}", parameter["unit"])
+    return f"{name} = {told}"
 
 
 def _remarks(candidate: Mapping[str, Any]) -> Iterator[RenderableType]:
