@@ -20,13 +20,16 @@ from daest.model.effects import Site
 from daest.model.flat import FlatModel
 from daest.model.linear import StateSpace
 from daest.model.parts import Equation, NoiseInput, Parameter, Variable
+from daest.modelica.balances import Balance, balances
 from daest.modelica.place_units import flow_unit, flows_in_rows
 from daest.modelica.places import resolve_place
 from daest.modelica.sites import sites, untold_balances
+from daest.quantities import dimensions, is_of
 from daest.systems.state_space import state_space, state_space_family
 
 N_FREQUENCIES = 9
 SELDOM_LOADED = ("electrical",)
+CHARGE = "A.s"
 
 
 @dataclass(frozen=True)
@@ -51,12 +54,24 @@ class LoadPlace:
 
 
 def load_sites(flat: FlatModel) -> list[Site]:
-    """Where unknown loads may act: at nodes and balances of a physical domain; in a model that has none of
-    them, a circuit of one loop say, in its meshes, and where no unit tells a domain, in any balance."""
+    """Where unknown loads may act: at nodes and balances of a physical domain and at those of stuff; in a
+    model that has none of them, a circuit of one loop say, in its meshes, and where no unit tells a domain,
+    in any balance."""
     known = sites(flat)
-    flows = [site for site in known if site.kind in ("node", "equation") and site.domain != "amount"]
+    stuff = {one.name(flat) for one in balances(flat) if one.is_amount(flat) and _is_of_stuff(flat, one)}
+    flows = [
+        site
+        for site in known
+        if site.kind in ("node", "equation") and (site.domain != "amount" or site.name in stuff)
+    ]
     loops = [site for site in known if site.kind == "mesh" and site.domain == "electrical"]
     return flows or loops or untold_balances(flat)
+
+
+def _is_of_stuff(flat: FlatModel, balance: Balance) -> bool:
+    """Whether an amount is one of matter: a charge is what a current brings, and a number may be anything."""
+    unit = flat.unknowns[balance.variable].unit
+    return bool(dimensions(unit)) and not is_of(unit, CHARGE)
 
 
 def load_places(flat: FlatModel, nodes: Sequence[Site]) -> tuple[LoadPlace, ...]:
