@@ -287,6 +287,43 @@ def test_what_rises_with_the_model_is_not_turned_where_it_only_bends_otherwise()
     assert contradictions(compile_text(AERATION, Path("Aeration.mo")), experiment) == []
 
 
+WARMED = b"""model Warmed "Water that a motor warms"
+  parameter Real G(unit = "W/K", min = 0) = 0.5 annotation(__Daest(estimate = true, scale = "log"));
+  input Real T_motor(unit = "degC");
+  output Real T(unit = "degC", start = 27, fixed = true);
+equation
+  3e5*der(T) = G*(T_motor - T);
+end Warmed;
+"""
+
+MELTING = b"""model Melting "Ice that a flow of brine melts"
+  parameter Real UA(unit = "W/K", min = 0) = 7000 annotation(__Daest(estimate = true, scale = "log"));
+  input Real T_in(unit = "degC");
+  output Real share(start = 0.95, fixed = true);
+equation
+  1e9*der(share) = -UA*T_in;
+end Melting;
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "driven", "measured"),
+    [
+        (WARMED, lambda s: 90.0 - s, lambda s: 27.0 + 0.4 * (1 - np.exp(-3 * s))),
+        (MELTING, lambda s: 3.0 + s, lambda s: 0.95 - 0.8 * s + 0.15 * s * (s - 1)),
+    ],
+    ids=["another unit", "turned"],
+)
+def test_what_goes_along_with_the_model_and_bends_otherwise_contradicts_nothing(text, driven, measured):
+    """A loss that the model lacks bends what is nearly a straight line in it, and so does a conductance that
+    falls: what is left without the trend is many times as large, or turned, and is not the recording."""
+    share = np.linspace(0.0, 1.0, 400)
+    flat = compile_text(text, Path("Model.mo"))
+    names = (flat.inputs[0].name,), (flat.outputs[0].name,)
+    experiment = Experiment("run", 5000 * share, driven(share)[:, None], measured(share)[:, None], *names)
+    assert contradictions(flat, experiment) == []
+
+
 HOURS = """model Store
   parameter Real C(unit="kJ/K") = 250;
   parameter Real G(unit="kW/K", min=0) = 0.1 annotation(__Daest(estimate=true, scale="log"));

@@ -28,12 +28,13 @@ from daest.diagnosis.null import (
     with_other_hold,
 )
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.proof import Reference
 from daest.diagnosis.stand import begin, without_noises
 from daest.diagnosis.trial import Candidate
 from daest.errors import EstimationError, ModelError
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
-from daest.model.fit import IdentifyOptions
+from daest.model.fit import Agreement, IdentifyOptions
 from daest.model.parts import Prior
 from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model, compile_text
@@ -431,6 +432,19 @@ def test_values_beside_which_no_load_can_be_fitted_leave_the_null_as_it_was(monk
     assert stand.null.estimated == ("J", "d") and stand.reference is not None
 
 
+@pytest.mark.parametrize(
+    ("adds_up", "percent", "is_driven"), [(False, 10.0, True), (True, 10.0, False), (True, 80.0, True)]
+)
+def test_a_simulation_that_follows_the_recording_is_taken_though_its_errors_add_up(
+    adds_up, percent, is_driven
+):
+    """The voltage of a battery: nothing holds its charge, and loads had made the capacity six times smaller,
+    and a law of the wrong sign of what they left."""
+    followed = Agreement({"phi": percent}, {"phi": 1.0})
+    fit = replace(quiet()[0].fit, simulated={"estimation": followed})
+    assert stands._is_driven(Reference(fit, adds_up=adds_up)) == is_driven
+
+
 def test_a_refit_begins_with_some_noise_at_every_sensor():
     """A load may have taken the noise of a sensor that it reaches at once; no search comes back from none."""
     null, _ = quiet()
@@ -440,3 +454,30 @@ def test_a_refit_begins_with_some_noise_at_every_sensor():
     assert taken.measurement_std == pytest.approx(1e-12)
     assert taken.starting_std == pytest.approx(GATES.least_noise * moved)
     assert null.starting_std == pytest.approx(null.measurement_std)
+
+
+def test_loads_of_a_model_whose_values_are_all_given_have_time_constants_that_no_data_tell(monkeypatch):
+    """Nothing is left to be found but noises: it had been refused, with a word to mark a parameter."""
+    flat = without_noises(model())
+    given = replace(flat, parameters=tuple(replace(p, estimate=False) for p in flat.parameters))
+    found = nulls.identify
+
+    def open_times(loaded, experiments, options):
+        if not options.fix:
+            times = ", ".join(options.bounds)
+            raise EstimationError("identify-not-identifiable", "the data leave them open", where=times)
+        return found(loaded, experiments, options)
+
+    monkeypatch.setattr(nulls, "identify", open_times)
+    places = [s for s in sites(given) if s.kind == "node"]
+    null = fit_null(given, places, [rotor_record(600, seed=4, load=(0.15, 1.0))[0]], "zoh")
+    assert null.estimated == () and null.loads[0].size == pytest.approx(0.2, rel=0.5)
+
+
+def test_without_unknown_parameters_noises_are_found_where_that_is_asked_for():
+    flat = without_noises(model())
+    record = rotor_record(600, seed=4)[0]
+    with pytest.raises(EstimationError, match="no parameter"):
+        identify(flat, [record], IdentifyOptions(estimate=(), method="oe", hold="zoh"))
+    fit = identify(flat, [record], IdentifyOptions(estimate=(), method="oe", hold="zoh", noises_alone=True))
+    assert fit.parameters == () and fit.noises[0].estimated and fit.noises[0].value > 0.0

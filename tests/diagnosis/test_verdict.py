@@ -218,6 +218,13 @@ def test_leader_that_could_not_be_tried_forbids_any_other_claim():
     )
 
 
+def test_what_the_model_holds_with_given_values_is_to_be_estimated_and_not_added():
+    there = replace(untried(31.0), reason="the model contains it already: `d`", is_present=True)
+    found = decide(replace(evidence(proofs=[proof()]), unproved=(there,)))
+    assert found.name == "cannot tell"
+    assert "--estimate" in found.next_experiment and "daest extend" not in found.next_experiment
+
+
 def test_law_that_leaves_much_is_no_claim_beside_one_that_says_ten_times_as_much():
     """A dead zone of a pump had been an outlet of a tank, far behind a limit of the pump that was refused."""
     small = proof(simulated=0.9)

@@ -88,24 +88,33 @@ def _of_outputs(flat: Model, driven: Any, part: Experiment) -> list[Contradictio
     """What single outputs contradict, or all of them the only input."""
     seen: list[np.ndarray] = []
     is_against = is_scaled = np.ones(len(part.output_names), dtype=bool)
+    has_input = bool(np.any(np.ptp(part.inputs, axis=0)))
     try:
         for theta in _variants(flat):
-            correlations, ratios = here = _beside(driven, part, theta)
-            seen.append(here)
-            is_against = is_against & (correlations < -DATA.upside_down)  # not where it is NaN
-            is_far = np.abs(np.log(ratios)) > np.log(DATA.other_scale)
-            is_scaled = is_scaled & (correlations > DATA.upside_down) & is_far
+            bare, whole = _beside(driven, part, theta)
+            seen.append(bare)
+            is_against = is_against & (bare[0] < -DATA.upside_down)  # not where it is NaN
+            # a drift may hide that all of it is turned, but what goes along with the model does not
+            limit = DATA.upside_down if has_input else -DATA.upside_down  # no input: the trend is theirs, too
+            is_against = is_against & (whole[0] < limit)
+            is_scaled = is_scaled & (bare[0] > DATA.upside_down) & _is_far(bare[1], whole[1])
             if not np.any(is_against | is_scaled):
                 return []  # whatever the other parameter values give
-        if not np.any(np.ptp(part.inputs, axis=0)):  # its starts alone move it, and these are free
+        if not has_input:  # its starts alone move it, and these are free
             for theta in _variants(flat):
                 is_against = is_against & ~(_mirrored(driven, part, theta) >= -DATA.upside_down)
-                whole, _ = _beside(driven, part, theta, has_trend=True)  # no input: the trend is theirs, too
-                is_against = is_against & (whole < -DATA.upside_down)
     except DaestError:
         return []
     known = np.isfinite(np.stack(seen)[:, 0]).all(axis=0)
     return [*_against(part, is_against, int(known.sum())), *_scaled(part, is_scaled, seen[0][1])]
+
+
+def _is_far(bare: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Whether the ratios (n_y,) are those of another unit, with and without the trend: of what bends where
+    the model hardly does, the bend alone is many times as large."""
+    far = np.log(DATA.other_scale)
+    low, high = np.minimum(bare, whole), np.maximum(bare, whole)
+    return (np.log(low) > far) | (np.log(high) < -far)
 
 
 def _turned_inputs(flat: Model, driven: Any, part: Experiment) -> list[Contradiction]:
@@ -316,37 +325,35 @@ def _mirrored(driven: Any, part: Experiment, theta: np.ndarray) -> np.ndarray:
     first = replace(part, time=part.time[:2], inputs=part.inputs[:2], outputs=part.outputs[:2])
     x0 = -simulate(driven, first, theta=theta).states[0]
     try:
-        return _beside(driven, part, theta, x0)[0]
+        return _beside(driven, part, theta, x0)[0, 0]
     except DaestError:
         return np.full(len(part.output_names), np.nan)
 
 
 def _beside(
-    driven: Any,
-    experiment: Experiment,
-    theta: np.ndarray | None,
-    x0: np.ndarray | None = None,
-    has_trend: bool = False,
+    driven: Any, experiment: Experiment, theta: np.ndarray | None, x0: np.ndarray | None = None
 ) -> np.ndarray:
-    """Correlation of every measured output with the simulated one, and how many times as large it is,
-    (2, n_y); NaN where one of them stands still. Both without a trend, unless they have it."""
+    """Correlation of every measured output with the simulated one, and how many times as large it is, without
+    a trend and with it, (2, 2, n_y); NaN where one of them stands still."""
     from daest.systems.simulate import simulate
 
     simulated = simulate(driven, experiment, theta=theta, x0=x0).outputs
     pairs = zip(experiment.outputs.T, simulated.T, strict=True)
-    return np.array([_correlation(experiment.time, *pair, has_trend) for pair in pairs]).T
+    return np.moveaxis(np.array([_correlations(experiment.time, *pair) for pair in pairs]), 0, -1)
 
 
-def _correlation(
-    time: np.ndarray, measured: np.ndarray, simulated: np.ndarray, has_trend: bool
-) -> tuple[float, float]:
-    """Correlation and ratio of the sizes, without a trend or, where it has one, without the mean."""
+def _correlations(time: np.ndarray, measured: np.ndarray, simulated: np.ndarray) -> np.ndarray:
+    """Correlation and ratio of the sizes, first without a trend, then without the mean alone, (2, 2)."""
     known = np.isfinite(measured) & np.isfinite(simulated)
     if known.sum() < 3:
-        return np.nan, np.nan
+        return np.full((2, 2), np.nan)
     both = np.column_stack([measured, simulated])[known]
-    rest = (both - both.mean(axis=0) if has_trend else _without_trend(time[known], both)).T
-    sizes = [float(np.linalg.norm(v)) for v in rest]
-    if not min(sizes) > 0:
+    return np.array([_correlation(_without_trend(time[known], both)), _correlation(both - both.mean(axis=0))])
+
+
+def _correlation(both: np.ndarray) -> tuple[float, float]:
+    """Correlation of two columns (n, 2) and the ratio of their sizes."""
+    sizes = np.linalg.norm(both, axis=0)
+    if not sizes.min() > 0:
         return np.nan, np.nan
-    return float(rest[0] @ rest[1] / (sizes[0] * sizes[1])), sizes[0] / sizes[1]
+    return float(both[:, 0] @ both[:, 1] / np.prod(sizes)), float(sizes[0] / sizes[1])

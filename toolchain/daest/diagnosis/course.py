@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import inf
@@ -122,7 +122,7 @@ class Course:
         proofs = stages.steadied(proofs)
         order = ranked(proofs)
         is_whole = not stages.late and None not in fits
-        return order, _unproved(found, wanted, order, stages.failed), is_whole
+        return order, _unproved(found, wanted, order, stages.failed, stages.present), is_whole
 
     def in_pieces(self, proofs: Sequence[Proof]) -> tuple[tuple[Proof, ...], bool]:
         """All laws with those that a simulation in pieces shows, best first, where no law is accepted,
@@ -515,9 +515,14 @@ def _standing(proof: Proof) -> int:
 
 
 def _unproved(
-    found: Screen, wanted: Sequence[Trial], proofs: Sequence[Proof], failed: Sequence[tuple[Trial, str]]
+    found: Screen,
+    wanted: Sequence[Trial],
+    proofs: Sequence[Proof],
+    failed: Sequence[tuple[Trial, str]],
+    present: Collection[str] = (),
 ) -> tuple[Unproved, ...]:
-    """Leaders of the screen without a refit, and other candidates whose refit failed."""
+    """Leaders of the screen without a refit, and other candidates whose refit failed, of which the model
+    holds those `present`."""
     entries = {entry.candidate.name: entry for entry in found.entries}
     result = []
     reasons = {trial.candidate.name: (trial, reason) for trial, reason in failed}
@@ -544,6 +549,7 @@ def _unproved(
                 reason=reason,
                 has_failed=name in broken,
                 is_late=reason == TIME_IS_UP,
+                is_present=name in present,
             )
         )
     return tuple(sorted(result, key=lambda u: -u.score))

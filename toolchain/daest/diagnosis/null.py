@@ -592,7 +592,8 @@ def _with_given_time_constants(
     fits = []
     for periods in GIVEN_LOADS:
         T = min(periods * period_of(experiments), _time_constants(experiments, slowest)[1])
-        options = replace(given, estimate=physical, fix=dict.fromkeys(times, T))
+        fix = dict.fromkeys(times, T)
+        options = replace(given, estimate=physical, fix=fix, noises_alone=not physical)
         fits.append(identify(loaded, experiments, options))
     return max(fits, key=lambda fit: fit.log_likelihood)
 

@@ -99,6 +99,7 @@ class Stages:
     options: DiagnoseOptions
     progress: Progress
     failed: list[tuple[Trial, str]] = field(default_factory=list)
+    present: set[str] = field(default_factory=set)
     late: list[Trial] = field(default_factory=list)
     lost: list[Prepared] = field(default_factory=list)
     simulated: DynamicTasks | None = None
@@ -116,6 +117,8 @@ class Stages:
                     is_explicit = not null.explicit.is_symbolic or here.reduced().is_symbolic
                 except DaestError as error:
                     reason = reason or error.what
+                    if error.code == "effect-present":
+                        self.present.add(trial.candidate.name)
                     continue
                 if is_explicit or built is None:
                     built = replace(here, has_loop=not is_explicit)

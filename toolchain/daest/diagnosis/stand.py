@@ -184,9 +184,18 @@ def _fitted(
         with suppress(*FAILURES):  # a simulation may end at values beside which no load can be fitted
             fixed = null_of(known, {})
             again = _told_fits(fixed, unseen_by(fixed))
-            if again[1] is not None and not again[1].adds_up and not _foresees_worse(reference, again[1]):
+            if again[1] is not None and _is_driven(again[1]) and not _foresees_worse(reference, again[1]):
                 return fixed, *again
     return null, baseline, reference
+
+
+def _is_driven(reference: Reference) -> bool:
+    """Whether the inputs say what the outputs do: nothing of a simulation adds up, or it follows what was
+    recorded all the same, as the voltage of a battery that is discharged once."""
+    seen = reference.fit.simulated.get("estimation")
+    percents = () if seen is None else tuple(seen.fit_percent.values())
+    follows = bool(percents) and all(p is not None and p > GATES.min_driven_fit for p in percents)
+    return follows or not reference.adds_up
 
 
 def _not_astray(

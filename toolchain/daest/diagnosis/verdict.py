@@ -310,6 +310,8 @@ def _by_hand(evidence: Evidence, one: Unproved) -> str:
         return "Record again with smaller amplitudes, at which the model can be simulated with it."
     if one.is_late:
         return f"Run the same command again, which goes on with {one.candidate.label}, or give it more time."
+    if one.is_present:
+        return "Estimate what the model has there with given values (--estimate), and run again."
     return (
         f"Add {one.candidate.label} to the model (daest extend) and identify it, from sizes that make "
         "sense in the machine."

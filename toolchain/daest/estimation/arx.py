@@ -94,7 +94,7 @@ def matched_start(problem: Problem, seed: int = 0) -> np.ndarray | None:
     model's values and from seeded points around them. Cheap: no simulation.
     """
     record = max(problem.records, key=lambda r: r.n_samples)
-    if record.period is None or not problem.family.inputs:
+    if record.period is None or not problem.family.inputs or not problem.unknowns.start.size:
         return None
     proper = record.inputs[:, : len(problem.family.inputs)]  # their derivatives in time follow them
     return _match(problem.family, replace(record, inputs=proper), problem.unknowns, seed)

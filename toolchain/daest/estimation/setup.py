@@ -396,7 +396,7 @@ def _unknowns(family: StateSpaceFamily, options: IdentifyOptions, std: np.ndarra
         if name not in names:
             raise prior_unused(name)
     indices = [known_name(n, known, "parameter") for n in names]
-    if not names:
+    if not names and not options.noises_alone:
         raise EstimationError(
             "identify-nothing-to-estimate",
             "no parameter is marked as unknown",

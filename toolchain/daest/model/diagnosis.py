@@ -355,8 +355,8 @@ class Proof:
 @dataclass(frozen=True)
 class Unproved:
     """A candidate that led the screen, or came to be tried, without a refit: the `reason` says why.
-    `has_failed` tells that its refit was tried in vain, so that it may well be what is missing, and `is_late`
-    that it was not begun since the time was up."""
+    `has_failed` tells that its refit was tried in vain, so that it may well be what is missing, `is_late`
+    that it was not begun since the time was up, and `is_present` that the model holds it at given values."""
 
     candidate: Candidate
     equivalent: tuple[str, ...]
@@ -366,6 +366,7 @@ class Unproved:
     reason: str
     has_failed: bool = False
     is_late: bool = False
+    is_present: bool = False
 
 
 @dataclass(frozen=True)

@@ -98,7 +98,8 @@ def coloured_moment(slopes: np.ndarray, residuals: np.ndarray) -> np.ndarray:
     coloured = np.einsum("pfa,fab->pfb", transformed.conj(), root)
     weights = np.full(frequencies.size, 2.0)
     weights[0] = weights[-1] = 1.0
-    flat = (coloured * np.sqrt(weights)[:, None]).reshape(slopes.shape[0], -1)
+    weighted = coloured * np.sqrt(weights)[:, None]
+    flat = weighted.reshape(slopes.shape[0], int(np.prod(weighted.shape[1:])))
     return np.real(flat @ flat.conj().T) / length
 
 
