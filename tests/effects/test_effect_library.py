@@ -71,7 +71,9 @@ EXPECTED = {
             *("AbsoluteValueSensor", "Drift", "Play", "Crosstalk", "RateLimit"),
         ]
     ),
-    "General": frozenset(["MeasuredInput", "DriftingParameter", "DependentParameter", "LearnedCurve"]),
+    "General": frozenset(
+        ["MeasuredInput", "DriftingParameter", "DependentParameter", "ExponentialParameter", "LearnedCurve"]
+    ),
 }
 # Written for an effect that no class describes; no hypothesis themselves.
 LEARNED_LOADS = {"LearnedTorque", "LearnedForce", "LearnedCurrent", "LearnedHeatFlow", "LearnedFlow"}

@@ -9,7 +9,7 @@ from math import inf
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.dead_times import DELAY
-from daest.diagnosis.dependences import dependence_screen
+from daest.diagnosis.dependences import dependence_screen, in_other_forms
 from daest.diagnosis.disturbance import SmoothedLoad
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.late_signals import LAG, late_signals
@@ -298,7 +298,9 @@ class Course:
             return proofs
         leaders = trials(found, GATES.screen_level, MOST_DEPENDENCES)
         stages = replace(stages, search=stages.search.among_more(found.n_screened))
-        return [*proofs, *stages.proved(stages.prepared(leaders), proofs)[0]]
+        told = stages.proved(stages.prepared(leaders), proofs)[0]
+        others = stages.prepared(in_other_forms(told, self.library))
+        return [*proofs, *told, *stages.proved(others, proofs)[0]]
 
     def _dead_times_for(self, lag: Proof) -> list[Trial]:
         """The dead time at the signal of a lag, from the time of that."""

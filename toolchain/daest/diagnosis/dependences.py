@@ -8,21 +8,25 @@ says the same and more.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from itertools import product
 
 import casadi as ca
 import numpy as np
 
 from daest.diagnosis.free_forms import internal_variables
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
 from daest.diagnosis.screen import NullObserver, screen
+from daest.diagnosis.trials import Trial
 from daest.errors import EstimationError
-from daest.model.diagnosis import Candidate, Screen
+from daest.model.diagnosis import Candidate, Proof, Screen
 from daest.model.effects import Effect
 from daest.model.flat import Model
 from daest.modelica.attach import free_name, names_of
 from daest.modelica.sites import sites
 
+LINEAR = "Daest.Effects.General.DependentParameter"
 MOST_PAIRS = 200  # of parameters and variables, which are tried
 DIGITS = 0.1  # of the spread of a variable, to which its middle is told
 
@@ -45,17 +49,37 @@ def dependences(
     null: Null, run: NullObserver, declared: Model, library: Sequence[Effect]
 ) -> tuple[Candidate, ...]:
     """Every parameter of the `declared` model beside every variable that it may change with, from the middle
-    that this has in the recordings."""
+    that this has in the recordings, in the form of which all are to first order (`_forms`)."""
     places = [site for site in sites(declared) if site.kind == "parameter"]
     middles = _middles(null, run, most=MOST_PAIRS // max(len(places), 1))
     taken: Collection[str] = names_of(null.flat)
     found: list[Candidate] = []
-    for effect, (name, middle), site in product(library, middles.items(), places):
-        if effect.is_of_variable:
-            number = free_name(f"dependence_{len(found) + 1}", taken)
-            middles_of = {p.name: middle for p in effect.parameters if p.signal_unit == "z"}
-            found.append(Candidate(effect, site, number, middles_of, {effect.inputs[0]: name}))
+    for effect, (name, middle), site in product(_forms(library)[:1], middles.items(), places):
+        number = free_name(f"dependence_{len(found) + 1}", taken)
+        middles_of = {p.name: middle for p in effect.parameters if p.signal_unit == "z"}
+        found.append(Candidate(effect, site, number, middles_of, {effect.inputs[0]: name}))
     return tuple(found)
+
+
+def in_other_forms(proofs: Sequence[Proof], library: Sequence[Effect]) -> list[Trial]:
+    """The likeliest of the parameters that change in the other forms that it may change in."""
+    best = max(
+        (p for p in proofs if p.candidate.effect.is_of_variable), key=lambda p: p.delta_bic, default=None
+    )
+    if best is None or best.delta_bic < GATES.min_bic_gain:
+        return []
+    one = best.candidate
+    others = [effect for effect in _forms(library) if effect != one.effect]
+    return [
+        Trial(replace(one, effect=effect, name=f"{one.name}_{number}"), best.sizes, ())
+        for number, effect in enumerate(others, 2)
+    ]
+
+
+def _forms(library: Sequence[Effect]) -> list[Effect]:
+    """How a parameter may change with a variable, linear first: near its middle every one is that."""
+    forms = [effect for effect in library if effect.is_of_variable]
+    return sorted(forms, key=lambda effect: effect.class_name != LINEAR)
 
 
 def _middles(null: Null, run: NullObserver, most: int) -> dict[str, float]:

@@ -69,6 +69,8 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     close = [p for p in accepted if _is_rival(p, best) or _is_bent_otherwise(p, best)]
     same = [p for p in accepted if p is not best and _is_same_equation(p, best)]
     close = [p for p in close if p not in same]
+    forms = [p for p in close if p is not best and _is_other_form(p, best)]
+    close = [p for p in close if p not in forms]
     nested = [p for p in close if _is_same_beside_a_load(p, best)]
     close = [p for p in close if p not in nested]
     twins = [p for p in close if p is not best and _is_twin(p, best)]
@@ -90,6 +92,8 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
             result.append(
                 _refused(proof, f"the data do not tell it from the same effect at {best.candidate.site.name}")
             )
+        elif proof in forms:
+            result.append(_refused(proof, f"the data do not tell it from {best.candidate.label}"))
         elif proof in nested:
             result.append(
                 _refused(proof, f"beside a constant load it says no more than {best.candidate.label}")
@@ -104,7 +108,7 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
                     not_separable_from=others,
                     verdict="not separable" if others else "supported",
                     reason="",
-                    same_as=(*proof.same_as, *(p.candidate.label for p in same if proof is best)),
+                    same_as=(*proof.same_as, *(p.candidate.label for p in same + forms if proof is best)),
                 )
             )
         elif proof in idle:
@@ -299,6 +303,13 @@ def _is_same_equation(one: Proof, other: Proof) -> bool:
     one, other = (replace(p, fit=p.told) for p in (one, other))
     sizes = list(zip(_own_sizes(one), _own_sizes(other), strict=False))
     return bool(sizes) and _has_same_values(one, other) and all(starmap(_are_as_certain, sizes))
+
+
+def _is_other_form(one: Proof, best: Proof) -> bool:
+    """Whether two laws are two forms of one finding: a parameter that changes with the same variable."""
+    a, b = one.candidate, best.candidate
+    of_variable = a.effect.is_of_variable and b.effect.is_of_variable
+    return of_variable and a.site == b.site and a.inputs == b.inputs
 
 
 def _has_same_values(one: Proof, other: Proof) -> bool:
