@@ -38,6 +38,7 @@ from daest.diagnosis.reasons import (
     too_slow,
     too_slow_for_its_size,
     unexplained,
+    unforeseen,
     weak,
     without_evidence,
     wrong_law,
@@ -1900,6 +1901,15 @@ def test_likelier_lag_that_only_comes_near_is_asked_for_the_hold_of_each_input(m
     null = replace(rubbing().null, hold="zoh(air)", other_hold="zoh(air, feed)", hold_lead=4.0)
     asked = [{one.hold for one in holding._otherwise(null, p)} for p in (proof, near)]
     assert asked[0] == {"zoh(air, feed)"} and "foh" in asked[1]
+
+
+def test_law_with_which_unseen_data_cannot_be_simulated_is_confirmed_by_nothing():
+    """A half saturation below zero has a pole at a concentration that the unseen data reach."""
+    _, proof = proved()
+    assert unforeseen(proof.told) == ""
+    without = {"validation": Agreement({"phi": None}, {"phi": None})}
+    for simulated in ({}, without):
+        assert "confirm nothing" in unforeseen(replace(proof.told, simulated=simulated))
 
 
 def test_kink_too_sharp_for_any_observer_does_not_take_the_place_of_a_rounder_one():

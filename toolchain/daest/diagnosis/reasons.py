@@ -60,6 +60,15 @@ def _spread(outputs: np.ndarray) -> np.ndarray:
     return np.sqrt(np.sum(np.where(seen, outputs - mean, 0.0) ** 2, axis=0) / count)
 
 
+def unforeseen(told: FitResult) -> str:
+    """Why unseen data confirm nothing of a law with which none of their outputs can be simulated, as `told`
+    has it: a pole that its parameters came to lies there. Empty where one can."""
+    unseen = told.simulated.get("validation")
+    if unseen is not None and any(rms is not None for rms in unseen.rms.values()):
+        return ""
+    return "with it unseen data cannot be simulated, and confirm nothing"
+
+
 def undriven(model: Null) -> str:
     """Why nothing can be told of a model that its inputs hardly move; empty where they do, or none moves.
 
