@@ -64,7 +64,7 @@ def unforeseen(told: FitResult) -> str:
     """Why unseen data confirm nothing of a law with which none of their outputs can be simulated, as `told`
     has it: a pole that its parameters came to lies there. Empty where one can."""
     unseen = told.simulated.get("validation")
-    if unseen is not None and any(rms is not None for rms in unseen.rms.values()):
+    if unseen is None or any(rms is not None for rms in unseen.rms.values()):
         return ""
     return "with it unseen data cannot be simulated, and confirm nothing"
 
