@@ -67,6 +67,19 @@ def test_what_is_to_be_mended_is_told_and_nothing_is_claimed(case, spoilt, signa
     assert rounds.last.next_experiment == found.next_experiment
 
 
+@pytest.mark.parametrize("factor, is_told", [(-1.0, True), (1.0, False)])
+def test_a_turned_sensor_beside_an_unknown_resonance_is_told_by_the_fits(case, factor, is_told):
+    """Three times softer, the oscillator would move against a healthy sensor as well as against a turned one:
+    that no value of a parameter tells, the fits of both do."""
+    flat, experiment = case
+    unknown = replace(flat, parameters=tuple(replace(p, estimate=True) for p in flat.parameters))
+    spoilt = times(experiment, V, factor)
+    assert not contradictions(unknown, spoilt), "nothing is certain without a fit"
+    found = contradicted(unknown, [spoilt], (), None)
+    assert (found is not None) == is_told
+    assert found is None or "v moves against the model" in found.message
+
+
 LINE = b"""model Line "Coil between two voltages"
   parameter Real L(unit = "H", min = 0) = 3e-3 annotation(__Daest(estimate = true));
   parameter Real R(unit = "Ohm", min = 0) = 0.3 annotation(__Daest(estimate = true));

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hidden_plants import library, model, prove, quiet, rotor_record, rubbing, some_effects
 
+from daest.diagnosis import holds as holding
 from daest.diagnosis import proof as proving
 from daest.diagnosis import reasons
 from daest.diagnosis import settled as settling
@@ -26,6 +27,7 @@ from daest.diagnosis.proof import _is_much_left, with_steady_error
 from daest.diagnosis.ranking import _ends_in_a_simpler_law, best_accepted, least_hope, ranked
 from daest.diagnosis.reasons import (
     _tells_otherwise,
+    beyond_recordings,
     is_history,
     is_significant,
     lag_too_short,
@@ -34,7 +36,9 @@ from daest.diagnosis.reasons import (
     straight,
     told_values,
     too_slow,
+    too_slow_for_its_size,
     unexplained,
+    unforeseen,
     weak,
     without_evidence,
     wrong_law,
@@ -1861,6 +1865,23 @@ def test_delay_of_what_keeps_its_level_is_its_own_history(share, is_all):
         assert is_history(experiments, at[kind], fit) == expected
 
 
+@pytest.mark.parametrize(
+    "size, share, is_refused", [(98.0, 2.5, True), (98.0, 0.1, False), (2.0, 2.5, False)]
+)
+def test_spring_of_unknown_size_that_relaxes_for_longer_than_the_recordings_is_none(size, share, is_refused):
+    """A damper of any stiffness takes up a slow load from outside, and all masses and springs with it."""
+    _, run = quiet()
+    longest = max(e.time[-1] - e.time[0] for e in run.null.experiments)
+    spring = Candidate(find_effect("Rotational.ExtraCompliance"), sites(model())[0], "e")
+    own = (
+        SimpleNamespace(name="e.e", value=34.0, std_error=size),
+        SimpleNamespace(name="e.T", value=share * longest, std_error=0.1),
+    )
+    fit = SimpleNamespace(parameters=own, theta={p.name: p.value for p in own})
+    assert bool(too_slow_for_its_size(run.null.experiments, spring, fit)) == is_refused
+    assert bool(beyond_recordings(run.null, spring, fit)) == is_refused
+
+
 @pytest.mark.parametrize("share, is_long", [(0.2, False), (0.3, True), (1.5, True)])
 def test_delay_of_a_good_part_of_the_recordings_is_no_finding(share, is_long):
     _, run = quiet()
@@ -1870,6 +1891,30 @@ def test_delay_of_a_good_part_of_the_recordings_is_no_finding(share, is_long):
     assert bool(too_slow(run.null.experiments, delay, fit)) == is_long
     gain = next(c for c in pairs(some_effects("Gain"), sites(model())) if c.site.name == "u")
     assert too_slow(run.null.experiments, gain, SimpleNamespace(theta={f"{gain.name}.g": 1e6})) == ""
+
+
+def test_likelier_lag_that_only_comes_near_is_asked_for_the_hold_of_each_input(monkeypatch):
+    """A late probe that a held input half explains leaves half a sample of delay there: as if the blower were
+    late, which explains less."""
+    _, proof = proved()
+    likelier = replace(proof.fit, log_likelihood=proof.fit.log_likelihood + 36.0)
+    near = replace(proof, verdict="rejected", reason="something dynamic", comes_near=True, fit=likelier)
+    assert holding._asked([proof, near]) == [proof, near]
+    assert holding._asked([proof, replace(near, comes_near=False)]) == [proof]
+    assert holding._asked([proof, replace(near, fit=proof.fit)]) == [proof]
+    monkeypatch.setattr(holding, "open_inputs", lambda *_: ("air", "feed"))
+    null = replace(rubbing().null, hold="zoh(air)", other_hold="zoh(air, feed)", hold_lead=4.0)
+    asked = [{one.hold for one in holding._otherwise(null, p)} for p in (proof, near)]
+    assert asked[0] == {"zoh(air, feed)"} and "foh" in asked[1]
+
+
+def test_law_with_which_unseen_data_cannot_be_simulated_is_confirmed_by_nothing():
+    """A half saturation below zero has a pole at a concentration that the unseen data reach."""
+    _, proof = proved()
+    assert unforeseen(proof.told) == ""
+    assert unforeseen(replace(proof.told, simulated={})) == "", "nothing was asked"
+    without = {"validation": Agreement({"phi": None}, {"phi": None})}
+    assert "confirm nothing" in unforeseen(replace(proof.told, simulated=without))
 
 
 def test_kink_too_sharp_for_any_observer_does_not_take_the_place_of_a_rounder_one():

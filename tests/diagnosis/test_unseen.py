@@ -358,6 +358,21 @@ def test_constant_load_of_every_recording_is_no_law():
     assert "1.2 times worse" in judged([ahead(1.2, -4.0)], fit_with(1.0), whole, False, steady=steady)[0]
 
 
+@pytest.mark.parametrize(
+    "confirmed, is_refused",
+    [
+        (Confirmed(-1.0, -0.09, 27.0), True),
+        (Confirmed(25.0, 5.0, 27.0), False),
+        (Confirmed(-1.0, -0.5, 5.0), False),
+    ],
+)
+def test_a_constant_load_excuses_no_law_that_the_unseen_data_deny(confirmed, is_refused):
+    """Gas that clings to the wall of a chamber and comes off again is no outlet, though one simulates better
+    beside a constant flow of each recording: it would make the unseen data likelier by 27, and does not."""
+    found, _, _ = judged([ahead(0.97, 0.3)], fit_with(1.0), fit_with(1.06), False, confirmed, steady=0.83)
+    assert bool(found) == is_refused
+
+
 @pytest.mark.parametrize("own, is_refused", [(1.0, False), (2.3, True)])
 def test_a_constant_load_excuses_nothing_that_a_law_costs_its_own_recordings(own, is_refused):
     """Of five thermometers along a rod one reads too low. That another reads too high a constant

@@ -252,3 +252,19 @@ def test_balances_inside_of_components_are_written_into_their_class(tmp_path, te
     assert characteristic(made.flat) == pytest.approx(characteristic(merged), rel=1e-6)
     again = extend_model(file, name, effect, find_site(made.flat, "ram.v", effect)) if text is PRESS else made
     assert again.text.count("Daest.Terms.Force") == 1
+
+
+def test_sizes_where_neither_volumes_nor_masses_flow_are_told_in_what_flows(tmp_path):
+    """Of a gas at low pressure, the flow is counted as pressure times volume."""
+    text = MODEL.replace('flow Real q(unit = "l/min")', 'flow Real q(unit = "mbar.l/s")')
+    file = tmp_path / "P.mo"
+    file.write_text(text)
+    flat = compile_model(file, "P.Drive")
+    site = find_site(flat, "hose.port")
+    told = {
+        n: units_at(flat, find_effect(f"Hydraulic.{n}"), site)
+        for n in ("ConstantFlow", "Leak", "WideningTank")
+    }
+    assert told["ConstantFlow"]["q_0"] == "mbar.l/s"
+    assert told["Leak"]["G"] == "mbar.l/(s.Pa)"
+    assert told["WideningTank"]["k"] == ""

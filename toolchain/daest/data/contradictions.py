@@ -84,6 +84,25 @@ def contradictions(flat: Model, experiment: Experiment) -> list[Contradiction]:
     return _of_outputs(flat, driven, part) or _turned_inputs(flat, driven, part)
 
 
+def perhaps_turned(flat: Model, experiment: Experiment) -> list[Contradiction]:
+    """Outputs that move against the model at its values, and with it at none of those that its parameters may
+    have: a resonance that stands elsewhere leaves little of either, and a fit has to tell them from healthy
+    ones."""
+    part = _shortened(experiment)
+    if not np.any(np.ptp(part.inputs, axis=0)):
+        return []
+    is_against = np.ones(len(part.output_names), dtype=bool)
+    try:
+        driven = _driven(flat)
+        for k, theta in enumerate(_variants(flat)):
+            is_against &= _beside(driven, part, theta)[0] < (0.0 if k else -DATA.upside_down)
+            if not np.any(is_against):
+                return []
+    except DaestError:
+        return []
+    return _against(part, is_against, len(part.output_names))
+
+
 def _of_outputs(flat: Model, driven: Any, part: Experiment) -> list[Contradiction]:
     """What single outputs contradict, or all of them the only input."""
     seen: list[np.ndarray] = []

@@ -21,6 +21,7 @@ from daest.data.contradictions import (
     contradictions,
     exchanges,
     other_clock,
+    perhaps_turned,
 )
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.settled import FAILURES
@@ -45,23 +46,38 @@ def contradicted(
     found = contradictions(flat, experiments[0]) if experiments else []
     # Of an FMU, or a model with events, the fits that tell of pairs take longer than what they may save.
     is_quick = isinstance(flat, FlatModel) and flat.events is None
+    likely = found or (perhaps_turned(flat, experiments[0]) if is_quick and experiments else [])
     pairs = exchanges(flat, experiments)[:MOST_PAIRS] if is_quick and experiments and not found else []
     clock = _other_clock(flat, experiments) if is_quick and not found else None
-    if not found and not pairs and clock is None:
+    if not likely and not pairs and clock is None:
         return None
     silent = without_noises(flat) if isinstance(flat, FlatModel) else flat
     options = IdentifyOptions(method="oe", hold=hold, second_look=False)
     with quiet(), suppress(*FAILURES):
         given = identify(silent, experiments, options, validation=validation)
-        if not found:
-            mended = clock and _counted_in(silent, given, experiments, clock)
-            mended = mended or _exchanged(silent, given, experiments, pairs)
-            return mended and _told(given, *mended, time.perf_counter() - began)
-        better = identify(silent, [all_mended(e, found) for e in experiments], options)
-        gain = better.log_likelihood + _of_scales(experiments, found) - given.log_likelihood
-        if gain > len(found) and _is_why(given, better, found):
-            return _told(given, better, *_what(found), time.perf_counter() - began)
+        told = _mended(silent, given, experiments, likely, options) if likely else None
+        if not (found or told):
+            told = _counted_in(silent, given, experiments, clock) if clock else None
+            told = told or _exchanged(silent, given, experiments, pairs)
+        return told and _told(given, *told, time.perf_counter() - began)
     return None
+
+
+def _mended(
+    silent: Model,
+    given: FitResult,
+    experiments: Sequence[Experiment],
+    found: Sequence[Contradiction],
+    options: IdentifyOptions,
+) -> tuple[FitResult, str, str] | None:
+    """The fit without what was found, what is told of it, and how to mend it, where the model follows what is
+    mended, and not what was given; else None."""
+    try:
+        better = identify(silent, [all_mended(e, found) for e in experiments], options)
+    except FAILURES:
+        return None
+    gain = better.log_likelihood + _of_scales(experiments, found) - given.log_likelihood
+    return (better, *_what(found)) if gain > len(found) and _is_why(given, better, found) else None
 
 
 def _other_clock(flat: Model, experiments: Sequence[Experiment]) -> OtherClock | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,11 +11,12 @@ import numpy as np
 from daest.diagnosis.candidates import fed
 from daest.diagnosis.free_starts import free_runs, misfit
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import Null, open_hold, refitted, with_other_hold
+from daest.diagnosis.null import Null, open_hold, open_inputs, refitted, with_other_hold
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.ranking import best_accepted, best_start
 from daest.diagnosis.stand import Stand
 from daest.errors import DaestError
+from daest.estimation.hold_search import with_turned
 from daest.model.diagnosis import Diagnosis, Proof
 from daest.model.flat import with_equations
 from daest.model.holds import FOH, SMOOTH, Hold, hold_text
@@ -41,12 +43,11 @@ class Holds:
 
     stand: Stand
     options: DiagnoseOptions
-    known: dict[tuple[str, float] | None, Hold | None] = field(default_factory=dict)
+    known: dict[tuple[tuple[str, float], ...], Hold | None] = field(default_factory=dict)
 
     def better(self, proofs: Sequence[Proof]) -> Hold | None:
         """As `better_hold`."""
-        best = best_start(proofs)
-        key = None if best is None else (best.candidate.name, best.fit.log_likelihood)
+        key = tuple((p.candidate.name, p.fit.log_likelihood) for p in _asked(proofs))
         if key not in self.known:
             self.known[key] = better_hold(self.stand, proofs)
         return self.known[key]
@@ -59,22 +60,49 @@ class Holds:
 
 
 def better_hold(stand: Stand, proofs: Sequence[Proof]) -> Hold | None:
-    """The other hold, where the best candidate fits better with it: the best accepted one, or else the most
-    likely, which unseen data may refuse for nothing but the wrong hold."""
-    null, best = stand.null, best_start(proofs)
-    hold = None if best is None else open_hold(null, best.delta_log_likelihood)
-    if best is None or hold is None:
-        return None
-    other = with_other_hold(null)
-    other = replace(other, experiments=fed(other.experiments, best.candidate))
-    names = tuple(p.name for p in best.fit.parameters)
-    try:
-        hopeless = best.fit.log_likelihood - GATES.hopeless_log_likelihood
-        flat = with_equations(best.flat, "a refit")
-        fit = refitted(flat, reduce_index(flat), names, other, hopeless=hopeless).fit
-    except DaestError:
-        return None
-    return hold if fit.log_likelihood > best.fit.log_likelihood + GATES.min_hold_gain else None
+    """The other hold, where one of the candidates that are asked fits better with it."""
+    return next((hold for p in _asked(proofs) if (hold := _better_hold_of(stand.null, p)) is not None), None)
+
+
+def _asked(proofs: Sequence[Proof]) -> list[Proof]:
+    """The best accepted candidate, or else the most likely, which unseen data may refuse for nothing but the
+    wrong hold; and a likelier lag or delay that is refused for what is dynamic beside it: half a sample of
+    delay at the inputs is."""
+    best = best_start(proofs)
+    if best is None:
+        return []
+    likelier = [p for p in proofs if p.comes_near and p.fit.log_likelihood > best.fit.log_likelihood]
+    return [best, *sorted(likelier, key=lambda p: -p.fit.log_likelihood)[:1]]
+
+
+def _better_hold_of(null: Null, asked: Proof) -> Hold | None:
+    """Another hold, where the recordings are likelier with it beside the law of a proof."""
+    names = tuple(p.name for p in asked.fit.parameters)
+    flat = with_equations(asked.flat, "a refit")
+    explicit = reduce_index(flat)
+    least = asked.fit.log_likelihood + GATES.min_hold_gain
+    found: dict[Hold, float] = {}
+    for other in _otherwise(null, asked):
+        other = replace(other, experiments=fed(other.experiments, asked.candidate))
+        with suppress(DaestError):
+            hopeless = asked.fit.log_likelihood - GATES.hopeless_log_likelihood
+            fit = refitted(flat, explicit, names, other, hopeless=hopeless).fit
+            found[other.recorded_hold or other.hold] = fit.log_likelihood
+    best = max(found, key=lambda hold: found[hold], default=None)
+    return best if best is not None and found[best] > least else None
+
+
+def _otherwise(null: Null, asked: Proof) -> Iterator[Null]:
+    """The null with the inputs held otherwise, where that is open beside the law of a proof: with the other
+    hold, and where something dynamic is left of a lag, with that of one input turned. That of each was told
+    without the lag, which half a sample of delay at one of them is a part of."""
+    other = open_hold(null, asked.delta_log_likelihood)
+    if other is not None:
+        yield with_other_hold(null)
+    names = open_inputs(null, asked.delta_log_likelihood) if asked.comes_near else ()
+    for hold in (with_turned(null.hold, name, names) for name in names):
+        if hold != other:
+            yield replace(null, hold=hold, recorded_hold=hold)
 
 
 def unsettled_hold(stand: Stand, found: Diagnosis) -> Hold | None:

@@ -38,6 +38,7 @@ from daest.diagnosis.reasons import (
     too_slow,
     undriven,
     unexplained,
+    unforeseen,
     vanished,
     weak,
     without_evidence,
@@ -360,6 +361,8 @@ class _Judge:
         is_told = is_told and not _is_any_level(self.fed, prepared, reference)
         fit = refit.fit if final else refit.simulated(self.validation)
         last, used, is_shown = final or fit, InUse(), False
+        if self.validation and not ahead and not against:
+            against = unforeseen(last)
         if reference is not None and not against:
             used = used_by(self.fed, prepared, final, self.validation, reference)
             is_shown = speaks_for(used, self.n_own) and not leaves_an_output(

@@ -60,6 +60,15 @@ def _spread(outputs: np.ndarray) -> np.ndarray:
     return np.sqrt(np.sum(np.where(seen, outputs - mean, 0.0) ** 2, axis=0) / count)
 
 
+def unforeseen(told: FitResult) -> str:
+    """Why unseen data confirm nothing of a law with which none of their outputs can be simulated, as `told`
+    has it: a pole that its parameters came to lies there. Empty where one can."""
+    unseen = told.simulated.get("validation")
+    if unseen is None or any(rms is not None for rms in unseen.rms.values()):
+        return ""
+    return "with it unseen data cannot be simulated, and confirm nothing"
+
+
 def undriven(model: Null) -> str:
     """Why nothing can be told of a model that its inputs hardly move; empty where they do, or none moves.
 
@@ -270,6 +279,32 @@ def too_slow(experiments: Sequence[Experiment], candidate: Candidate, told: FitR
     clock = next(candidate.units.get(p.name) or p.unit for p in candidate.effect.sizes if p.unit == "s")
     shown = spoken_duration(most, clock)
     return f"{spoken_duration(longest, clock)} is too long for recordings that show up to {shown}"
+
+
+def too_slow_for_its_size(experiments: Sequence[Experiment], candidate: Candidate, told: FitResult) -> str:
+    """Why a law that relaxes is not what its name says, where the data determine none of its sizes, and its
+    time is too long for the recordings: a spring that relaxes within a minute is a damper over a second,
+    as stiff as one likes, and takes up any slow load. Empty where it is not."""
+    shapes = [p for p in candidate.effect.parameters if p.role == "shape" and p.unit == "s"]
+    if not candidate.is_dynamic or not shapes:
+        return ""
+    found = {p.name: p for p in told.parameters}
+    sizes = [(found.get(f"{candidate.name}.{p.name}"), p.null or 0.0) for p in candidate.effect.sizes]
+    if any(size is None or _stands_off(size, null) for size, null in sizes):
+        return ""
+    most = GATES.longest_load * longest_duration(experiments)
+    for p in shapes:
+        value = told.theta[f"{candidate.name}.{p.name}"]
+        if value > most:
+            clock = candidate.units.get(p.name) or p.unit
+            shown = f"{spoken_duration(value, clock)} for recordings that show up to "
+            return f"{p.name} is too long ({shown}{spoken_duration(most, clock)}) and its size unknown"
+    return ""
+
+
+def _stands_off(size: FittedParameter, null: float) -> bool:
+    """Whether a size is certainly not at its null."""
+    return bool(size.std_error) and abs(size.value - null) >= GATES.min_significance * (size.std_error or 0.0)
 
 
 def is_history(experiments: Sequence[Experiment], candidate: Candidate, told: FitResult) -> bool:
@@ -524,6 +559,7 @@ def _tells_one(u: np.ndarray, change: np.ndarray) -> bool:
 def beyond_recordings(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why the law lies beyond what the recordings reach or show; empty where it does not."""
     reason = out_of_reach(model, candidate, told) or too_slow(model.experiments, candidate, told)
+    reason = reason or too_slow_for_its_size(model.experiments, candidate, told)
     reason = reason or shut(model, candidate, told) or too_wide(model, candidate, told)
     reason = reason or creeping(model, candidate, told) or turned_back(model, candidate, told)
     return reason or straight(model, candidate, told)

@@ -179,6 +179,12 @@ def is_likelier(told: Confirmed) -> bool:
     return told.certainty > GATES.likelier_significance
 
 
+def _is_denied(told: Confirmed) -> bool:
+    """Whether a law changes predictions of unseen data enough to tell, and these are no likelier for it:
+    beside a level of its own in each recording it may simulate them better by chance."""
+    return np.isfinite(told.expected) and not is_silent(told) and not is_likelier(told)
+
+
 def innovations(run: NullObserver, experiments: Sequence[Experiment]) -> Innovations | None:
     """Prediction errors one sample ahead of the validation `experiments`; None where the observer `run`
     cannot be integrated there.
@@ -284,13 +290,16 @@ def judged(
     simulation is dead reckoning, which counts for an effect, not against it, unless the model did without
     it what the machine did and does so no longer; `told` is what their likelihood says, and `steady` the
     ratio of the errors of simulations in which every recording has a constant load of its own
-    (`steady_misfit`), where it is smaller than that without and the law does not cost the simulation of its
-    own recordings as much. Errors of the outputs `holding` do not add up where others do: no effect may
-    simulate one of them clearly worse, where the simulation stays near enough to what was measured for its
-    initial states to be those of the machine. `clock` is what the model counts time in."""
+    (`steady_misfit`), where it is smaller than that without, the law does not cost the simulation of its own
+    recordings as much, and the likelihood of unseen data does not deny it. Errors of the outputs `holding` do
+    not add up where others do: no effect may simulate one of them clearly worse, where the simulation stays
+    near enough to what was measured for its initial states to be those of the machine. `clock` is what the
+    model counts time in."""
     ratios = error_ratios(before.simulated, after.simulated)
     whole = _together(ratios)
-    whole = whole if steady is None or _costs_its_own(before, after) else min(whole, steady)
+    told = told or Confirmed()
+    is_excused = not _is_denied(told) and not _costs_its_own(before, after)
+    whole = min(whole, steady) if steady is not None and is_excused else whole
     if not ahead and not ratios:
         return "", True, False
     better = [one for one in ahead if is_better(one)]
@@ -298,7 +307,6 @@ def judged(
     best = min([one.ratio for one in better], default=1.0)
     # An effect that changes no error matters to nobody, however likely it makes the data.
     shows = min([*(one.ratio for one in ahead), whole], default=1.0) < 1.0 - GATES.same_unseen_error
-    told = told or Confirmed()
     speaks = is_silent(told) or (is_likelier(told) and shows)
     held = _ratios_of(before, after, holding) if adds_up else []
     # Beside an angle that drifts away the speed is simulated as well as ever, and tells as much.

@@ -16,7 +16,7 @@ from daest.modelica.clock import clock_unit, in_clock, put_in
 from daest.modelica.connectors import FLOWS, LEVEL, MASS_FLOW, connectors_of
 from daest.modelica.factors import ONE, Entry, are_same, divisors, factors, given_value, is_of_parameters
 from daest.modelica.other_units import SCALES, in_other_units, power_of
-from daest.quantities import conversion, dimensions, in_base_units, is_of
+from daest.quantities import conversion, dimensions, in_base_units, is_known_unit, is_of, over_power
 
 _PRESSURE = re.compile(r"\bPa")  # in the unit of a parameter: the unit of a level, where that is the variable
 _SIGNAL = "u"  # in the unit of a parameter: the unit of the signal
@@ -79,6 +79,8 @@ def _units_in_seconds(flat: FlatModel, effect: Effect, site: Site, clock: str) -
             return {p.name: _of_mass(p.unit) for p in effect.parameters}
         if is_length(of_potential):
             return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
+        if of_flow and not is_of(of_flow, FLOWS["hydraulic"]):
+            return {p.name: _of_other_flow(p.unit, of_flow) for p in effect.parameters}
     if site.kind == "mesh" and site.domain == "hydraulic":
         number, name = site.name.split(":", 1)
         row, flow = int(number), flat.unknown_names.index(name)
@@ -112,6 +114,20 @@ def _of_mass(unit: str) -> str:
     ('kg/(s.Pa)', 'Pa.s2/kg2')
     """
     return unit.replace("m3", "kg").replace("m6", "kg2")
+
+
+def _of_other_flow(unit: str, flow: str) -> str:
+    """The unit of a law of volume flows where something else flows, in `flow`; empty where that is not a
+    flow, or one over a pressure.
+
+    >>> _of_other_flow("m3/(s.Pa)", "mbar.l/s"), _of_other_flow("Pa.s2/m6", "mbar.l/s")
+    ('mbar.l/(s.Pa)', '')
+    """
+    if "m3" not in unit and "m6" not in unit:
+        return unit
+    if not is_known_unit(flow):
+        return ""
+    return {"m3/s": flow, "m3/(s.Pa)": over_power(flow, "Pa", 1)}.get(unit, "")
 
 
 def flow_unit(flat: FlatModel, site: Site) -> str:
