@@ -1,4 +1,4 @@
-"""Parameters that change with a variable of the model: a resistance that falls as it warms.
+"""Parameters that change with a variable of the model, or with time: a resistance that falls as it warms.
 
 The first term of such a dependence is an effect of the library, which is tried where no other law explains
 what is missing: there are as many of them as parameters times variables, and most have a physical law that
@@ -34,8 +34,8 @@ DIGITS = 0.1  # of the spread of a variable, to which its middle is told
 def dependence_screen(
     null: Null, run: NullObserver, declared: Model, library: Sequence[Effect], seed: int
 ) -> Screen | None:
-    """Scores of all parameters of the `declared` model that may change with a state, an input or a measured
-    variable; None where there are none, or none can be attached."""
+    """Scores of all parameters of the `declared` model that may change with a state, an input, a measured
+    variable or the time; None where there are none, or none can be attached."""
     candidates = dependences(null, run, declared, library)
     if not candidates:
         return None
@@ -49,16 +49,20 @@ def dependences(
     null: Null, run: NullObserver, declared: Model, library: Sequence[Effect]
 ) -> tuple[Candidate, ...]:
     """Every parameter of the `declared` model beside every variable that it may change with, from the middle
-    that this has in the recordings, in the form of which all are to first order (`_forms`)."""
+    that this has in the recordings, in the form of which all are to first order (`_forms`); and beside the
+    time."""
     places = [site for site in sites(declared) if site.kind == "parameter"]
     middles = _middles(null, run, most=MOST_PAIRS // max(len(places), 1))
     taken: Collection[str] = names_of(null.flat)
     found: list[Candidate] = []
     for effect, (name, middle), site in product(_forms(library)[:1], middles.items(), places):
-        number = free_name(f"dependence_{len(found) + 1}", taken)
         middles_of = {p.name: middle for p in effect.parameters if p.signal_unit == "z"}
-        found.append(Candidate(effect, site, number, middles_of, {effect.inputs[0]: name}))
-    return tuple(found)
+        found.append(Candidate(effect, site, "", middles_of, {effect.inputs[0]: name}))
+    with_time = [e for e in library if e.attach == "parameter" and not e.is_of_variable]
+    found += [Candidate(effect, site, "") for effect, site in product(with_time, places)]
+    return tuple(
+        replace(one, name=free_name(f"dependence_{number}", taken)) for number, one in enumerate(found, 1)
+    )
 
 
 def in_other_forms(proofs: Sequence[Proof], library: Sequence[Effect]) -> list[Trial]:
