@@ -95,7 +95,8 @@ def perhaps_turned(flat: Model, experiment: Experiment) -> list[Contradiction]:
     try:
         driven = _driven(flat)
         for k, theta in enumerate(_variants(flat)):
-            is_against &= _beside(driven, part, theta)[0] < (0.0 if k else -DATA.upside_down)
+            (correlation, _), _ = _beside(driven, part, theta)
+            is_against &= correlation < (0.0 if k else -DATA.upside_down)
             if not np.any(is_against):
                 return []
     except DaestError:
