@@ -54,14 +54,16 @@ def test_every_parameter_is_tried_beside_every_variable_from_the_middle_of_this(
     assert middle == pytest.approx(p2, abs=2.0)
 
 
+def screened(stand):
+    run = run_null(stand.null)
+    return dependence_screen(stand.null, run, dependences(stand.null, run, stand.declared, library()), seed=0)
+
+
 def test_the_dependence_that_is_there_leads_the_screen_and_none_does_beside_a_load():
-    stand = stand_of(0.006)
-    found = dependence_screen(stand.null, run_null(stand.null), stand.declared, library(), seed=0)
+    found = screened(stand_of(0.006))
     assert found.entries[0].candidate.label == "DependentParameter (p2) at R2"
     assert found.p_value < 1e-6
-    loaded = stand_of(0.0, 30.0)
-    none = dependence_screen(loaded.null, run_null(loaded.null), loaded.declared, library(), seed=0)
-    assert none.p_value > 0.05
+    assert screened(stand_of(0.0, 30.0)).p_value > 0.05
 
 
 @pytest.mark.slow

@@ -53,11 +53,13 @@ def changing_value(
     stand: Stand, run: NullObserver, law: Proof, library: Sequence[Effect]
 ) -> ChangingValue | None:
     """The parameter whose change with time shows most in the innovations, estimated, where the accepted `law`
-    is one of the time alone; None where it is not, and where none shows, can be estimated or certainly
-    changes."""
+    is one of the time alone; None where it is not, or a changing parameter itself, and where none shows, can
+    be estimated or certainly changes."""
     null = stand.null
     effect = next((one for one in library if one.name == CHANGE), None)
     if effect is None or not isinstance(law.flat, FlatModel) or not brings_time(null.flat, law.flat):
+        return None
+    if law.candidate.site.kind == "parameter":
         return None
     places = [site for site in sites(stand.declared) if site.kind == "parameter"]
     changes = {site.name: Candidate(effect, site, f"change_{i}", {}) for i, site in enumerate(places)}

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.dead_times import DELAY
-from daest.diagnosis.dependences import dependence_screen, in_other_forms
+from daest.diagnosis.dependences import dependence_screen, dependences, in_other_forms
 from daest.diagnosis.disturbance import SmoothedLoad
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.late_signals import LAG, late_signals
@@ -117,6 +118,7 @@ class Course:
         proofs = self._with_dependences(stages, proofs)
         proofs = stages.shown_in_use(proofs)
         proofs = self._with_leaders_in_use(stages, proofs)
+        proofs = self._with_dependences_in_use(stages, proofs)
         proofs = self._with_leaders_near_given(proofs)
         proofs = stages.with_simulations(proofs)
         proofs = stages.steadied(proofs)
@@ -136,7 +138,8 @@ class Course:
             pieces = in_pieces(self.stand, self.loads.run)
             if pieces is None or pieces.reference is None:
                 return tuple(proofs), True
-            used = open_screen(pieces.null, pieces.reference.start_in_use, self.candidates, self.options.seed)
+            candidates = (*self.candidates, *self._dependences)
+            used = open_screen(pieces.null, pieces.reference.start_in_use, candidates, self.options.seed)
             leaders = [] if used is None else _leaders_in_use(used, MOST_IN_PIECES)
             stages = self._stages()
             found = stages.shown_by_leaders(pieces, leaders, proofs)
@@ -291,9 +294,7 @@ class Course:
         law is accepted and something is left to explain, or the accepted one leaves most of it."""
         if not (self._is_open(proofs) or self._leaves_most(proofs)):
             return proofs
-        self.progress("screening parameters that change with a variable")
-        stand = self.stand
-        found = dependence_screen(stand.null, self.loads.run, stand.declared, self.library, self.options.seed)
+        found = dependence_screen(self.stand.null, self.loads.run, self._dependences, self.options.seed)
         if found is None:
             return proofs
         leaders = trials(found, GATES.screen_level, MOST_DEPENDENCES)
@@ -301,6 +302,27 @@ class Course:
         told = stages.proved(stages.prepared(leaders), proofs)[0]
         others = stages.prepared(in_other_forms(told, self.library))
         return [*proofs, *told, *stages.proved(others, proofs)[0]]
+
+    @cached_property
+    def _dependences(self) -> tuple[Candidate, ...]:
+        """The parameters that may change with a variable or with time."""
+        self.progress("screening parameters that change with a variable")
+        return dependences(self.stand.null, self.loads.run, self.stand.declared, self.library)
+
+    def _with_dependences_in_use(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
+        """All laws, with the parameters that change and lead a screen in open loop, where still no law is
+        accepted: what goes slowly from one value to another is left to the loads, one sample ahead."""
+        reference = self.stand.reference
+        if reference is None or reference.simulated is None or not self._is_open(proofs):
+            return proofs
+        null, seed = self.stand.null, self.options.seed
+        used = (
+            open_screen(null, reference.start_in_use, self._dependences, seed) if self._dependences else None
+        )
+        if used is None:
+            return proofs
+        leaders = _leaders_in_use(used, MOST_DEPENDENCES)
+        return stages.shown_by_leaders(self.stand, leaders, proofs)
 
     def _dead_times_for(self, lag: Proof) -> list[Trial]:
         """The dead time at the signal of a lag, from the time of that."""

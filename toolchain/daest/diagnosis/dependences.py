@@ -32,11 +32,9 @@ DIGITS = 0.1  # of the spread of a variable, to which its middle is told
 
 
 def dependence_screen(
-    null: Null, run: NullObserver, declared: Model, library: Sequence[Effect], seed: int
+    null: Null, run: NullObserver, candidates: Sequence[Candidate], seed: int
 ) -> Screen | None:
-    """Scores of all parameters of the `declared` model that may change with a state, an input, a measured
-    variable or the time; None where there are none, or none can be attached."""
-    candidates = dependences(null, run, declared, library)
+    """Scores of `dependences`; None where there are none, or none can be attached."""
     if not candidates:
         return None
     try:

@@ -149,7 +149,7 @@ def _examined(
     if proofs and not options.is_over:
         evidence = replace(evidence, earlier=_earlier(stand, proofs))
     evidence, decided, learned = _decided(stand, run, evidence, loads, options, progress)
-    if decided.name in OPEN and (learned is None or learned.against):
+    if decided.name in OPEN and not _says_most(stand, learned):
         proofs, is_in_time = course.in_pieces(proofs)
         is_whole = is_whole and is_in_time
         evidence = replace(evidence, proofs=proofs)
@@ -187,6 +187,14 @@ def _examined(
         is_by_colour=decided.is_by_colour,
         is_of_starts=decided.is_of_starts,
     )
+
+
+def _says_most(stand: Stand, learned: LearnedLoad | None) -> bool:
+    """Whether a curve takes most of the errors of simulated unseen data away."""
+    if learned is None or learned.against or learned.fit is None:
+        return False
+    ratios = error_ratios(stand.told.simulated, learned.fit.simulated)
+    return bool(ratios) and max(ratios) <= GATES.max_most_ratio
 
 
 def _off(stand: Stand) -> Jitter | None:
