@@ -194,7 +194,7 @@ def _is_driven(reference: Reference) -> bool:
     recorded all the same, as the voltage of a battery that is discharged once."""
     seen = reference.fit.simulated.get("estimation")
     percents = () if seen is None else tuple(seen.fit_percent.values())
-    follows = bool(percents) and all(p is not None and p > GATES.min_driven_fit for p in percents)
+    follows = bool(percents) and all(p is not None and p > GATES.min_taken_fit for p in percents)
     return follows or not reference.adds_up
 
 
