@@ -26,6 +26,7 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.proof import _is_much_left, with_steady_error
 from daest.diagnosis.ranking import _ends_in_a_simpler_law, best_accepted, least_hope, ranked
 from daest.diagnosis.reasons import (
+    NOT_SIGNIFICANT,
     _tells_otherwise,
     beyond_recordings,
     is_history,
@@ -893,6 +894,9 @@ def test_limit_of_a_rate_that_says_no_more_than_a_lag_whose_time_nobody_knows_is
     assert found.verdict == verdict
     assert not found.reason or found.reason.endswith(f"but {unknown}")
     assert ranked([limit, lag])[0].candidate is limit.candidate
+    # A time that is known, though not as well as is asked for, is no better.
+    weak = replace(lag, reason=f"{NOT_SIGNIFICANT} (0.5 ± 0.14 s)")
+    assert next(p for p in ranked([limit, weak]) if p.candidate is limit.candidate).verdict == verdict
 
 
 @pytest.mark.parametrize(("behind", "is_rival"), [(4.5, True), (5.5, False)])

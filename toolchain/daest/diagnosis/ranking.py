@@ -11,7 +11,7 @@ import numpy as np
 
 from daest.diagnosis.candidates import scaled_shapes
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.reasons import NO_BEND, STRAIGHT, is_significant
+from daest.diagnosis.reasons import NO_BEND, NOT_SIGNIFICANT, STRAIGHT, is_significant
 from daest.diagnosis.trials import Trial
 from daest.diagnosis.unseen import is_worse
 from daest.model.diagnosis import Ahead, Candidate, Proof, Screen
@@ -135,7 +135,7 @@ def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
     simulated far worse than with another one that is too short: a part that swings is neither. And a law with
     states of a signal that says no more than a lag there whose time nobody knows: a limit of its rate."""
     lags, result = [p for p in proofs if p.is_any_dynamics or p.comes_near], []
-    unknown = [p for p in proofs if p.is_vague and p.candidate.is_of_signal and p.candidate.is_dynamic]
+    unknown = [p for p in proofs if _is_unknown_lag(p)]
     for proof in proofs:
         there = [p for p in unknown if p.candidate.site == proof.candidate.site and p is not proof]
         simpler = [p for p in (*lags, *there) if is_simpler(p.candidate, proof.candidate)]
@@ -154,6 +154,12 @@ def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
             proof = _refused(proof, reason)
         result.append(proof)
     return result
+
+
+def _is_unknown_lag(proof: Proof) -> bool:
+    """Whether a lag or delay of a signal is refused since nobody knows its time, or not well enough."""
+    is_unknown = proof.is_vague or proof.reason.startswith(NOT_SIGNIFICANT)
+    return is_unknown and proof.candidate.is_of_signal and proof.candidate.is_dynamic
 
 
 def _is_lag_far_nearer(short: Proof, lag: Proof) -> bool:

@@ -399,6 +399,7 @@ def _resting(u: np.ndarray, first: float, half: float) -> np.ndarray:
     return y
 
 
+NOT_SIGNIFICANT = "its size is not significant"
 NO_BEND = "the recordings show no bend of it"
 STRAIGHT = (GAIN, "Daest.Effects.Signals.Offset")  # what a law without its bend is
 
@@ -671,7 +672,7 @@ def _weak_size(size: FittedParameter, null: float, least: float, certainty: floa
         return "the data do not determine its size"
     if certainty < least:
         asked = f"{certainty:.2g} of the {least:g} standard errors that are asked for"
-        return f"its size is not significant ({told_number(size)}: {asked})"
+        return f"{NOT_SIGNIFICANT} ({told_number(size)}: {asked})"
     return ""
 
 
