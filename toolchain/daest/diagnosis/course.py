@@ -291,8 +291,11 @@ class Course:
 
     def _with_dependences(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with the parameters that change with a variable and lead the screen of these, where no
-        law is accepted and something is left to explain, or the accepted one leaves most of it."""
-        if not (self._is_open(proofs) or self._leaves_most(proofs)):
+        law is accepted and something is left to explain, or the accepted one leaves most of it, and no law
+        at another place gains anything: beside the accepted one, those are asked next."""
+        best = best_accepted(ranked(proofs))
+        is_alone = best is None or not _gain_elsewhere(best, proofs)
+        if not (self._is_open(proofs) or (is_alone and self._leaves_most(proofs))):
             return proofs
         found = dependence_screen(self.stand.null, self.loads.run, self._dependences, self.options.seed)
         if found is None:
@@ -419,6 +422,12 @@ def _is_enough(best: Proof, before: FitResult) -> bool:
     ratios = error_ratios(before.simulated, best.told.simulated)
     is_better = bool(ratios) and max(ratios) <= GATES.max_clear_ratio
     return best.verdict == "supported" and not best.is_by_use and is_better
+
+
+def _gain_elsewhere(best: Proof, proofs: Sequence[Proof]) -> bool:
+    """Whether a law at another place than the `best` one pays for its parameters by likelihood."""
+    places = {best.candidate.site.name, *best.equivalent}
+    return any(p.delta_bic > GATES.min_bic_gain and p.candidate.site.name not in places for p in proofs)
 
 
 def _laws_beside_constant(used: Screen, proofs: Sequence[Proof]) -> list[Trial]:
