@@ -10,7 +10,13 @@ from math import inf
 
 from daest.diagnosis import verdict as verdicts
 from daest.diagnosis.dead_times import DELAY
-from daest.diagnosis.dependences import dependence_screen, dependences, in_other_forms
+from daest.diagnosis.dependences import (
+    MOST_DEPENDENCES,
+    dependence_screen,
+    dependences,
+    in_other_forms,
+    leading,
+)
 from daest.diagnosis.disturbance import SmoothedLoad
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.late_signals import LAG, late_signals
@@ -72,7 +78,6 @@ from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers
 
 MORE_TRIALS = 4  # where none of those is accepted, or the best leaves a curve over some variable
-MOST_DEPENDENCES = 3  # parameters that change with a variable
 MOST_CONSTANTS = 2  # loads and offsets, of all that are simulated in the end
 FIRST_TRIALS = 2  # are refitted in any case, the second one alone where the first is not supported
 
@@ -291,18 +296,17 @@ class Course:
 
     def _with_dependences(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with the parameters that change with a variable and lead the screen of these, where no
-        law is accepted and something is left to explain, or the accepted one leaves most of it, and no law
-        at another place gains anything: beside the accepted one, those are asked next."""
+        law is accepted and something is left to explain, or the accepted one leaves most of it, and no other
+        law takes that: it is asked next."""
         best = best_accepted(ranked(proofs))
-        is_alone = best is None or not _gain_elsewhere(best, proofs)
+        is_alone = best is None or not any(_is_next(p, best) for p in proofs)
         if not (self._is_open(proofs) or (is_alone and self._leaves_most(proofs))):
             return proofs
         found = dependence_screen(self.stand.null, self.loads.run, self._dependences, self.options.seed)
         if found is None:
             return proofs
-        leaders = trials(found, GATES.screen_level, MOST_DEPENDENCES)
         stages = replace(stages, search=stages.search.among_more(found.n_screened))
-        told = stages.proved(stages.prepared(leaders), proofs)[0]
+        told = stages.proved(stages.prepared(leading(found)), proofs)[0]
         others = stages.prepared(in_other_forms(told, self.library))
         return [*proofs, *told, *stages.proved(others, proofs)[0]]
 
@@ -424,10 +428,13 @@ def _is_enough(best: Proof, before: FitResult) -> bool:
     return best.verdict == "supported" and not best.is_by_use and is_better
 
 
-def _gain_elsewhere(best: Proof, proofs: Sequence[Proof]) -> bool:
-    """Whether a law at another place than the `best` one pays for its parameters by likelihood."""
-    places = {best.candidate.site.name, *best.equivalent}
-    return any(p.delta_bic > GATES.min_bic_gain and p.candidate.site.name not in places for p in proofs)
+def _is_next(other: Proof, best: Proof) -> bool:
+    """Whether a law at another place that pays for its parameters takes most of the errors of an output that
+    the best one leaves: they are missing together, and it is asked for beside that one."""
+    if other.candidate.site.name in {best.candidate.site.name, *best.equivalent}:
+        return False
+    ratios = error_ratios(best.told.simulated, other.told.simulated)
+    return other.delta_bic > GATES.min_bic_gain and min(ratios, default=1.0) < GATES.max_most_ratio
 
 
 def _laws_beside_constant(used: Screen, proofs: Sequence[Proof]) -> list[Trial]:

@@ -28,6 +28,7 @@ from daest.modelica.sites import sites
 
 LINEAR = "Daest.Effects.General.DependentParameter"
 MOST_PAIRS = 200  # of parameters and variables, which are tried
+MOST_DEPENDENCES = 5  # of them, which are refitted
 DIGITS = 0.1  # of the spread of a variable, to which its middle is told
 
 
@@ -61,6 +62,14 @@ def dependences(
     return tuple(
         replace(one, name=free_name(f"dependence_{number}", taken)) for number, one in enumerate(found, 1)
     )
+
+
+def leading(found: Screen) -> list[Trial]:
+    """The first few of a screen that are significant. Those that the innovations do not tell apart are each
+    tried: a permeability that falls with the salt and an osmotic pressure that grows with the flow do the
+    same for a small change alone."""
+    seen = [e for e in found.entries if not e.absorbed and e.p_value <= GATES.screen_level]
+    return [Trial(e.candidate, e.sizes, ()) for e in seen[:MOST_DEPENDENCES]]
 
 
 def in_other_forms(proofs: Sequence[Proof], library: Sequence[Effect]) -> list[Trial]:
