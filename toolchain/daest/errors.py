@@ -528,8 +528,9 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "effect-not-writable": (
         "The effect can be attached to the equations, but it cannot be written as an extension of the model: "
-        "the place lies inside of a component, or in an equation of a loop, a branch or a package. Equations "
-        "of the model itself are opened for it in the copy that is written."
+        "the place lies inside of a component, or in an equation of a loop, a branch or a package, "
+        "or a component of a library takes the parameter. Equations of the model itself, and parameters "
+        "of components whose classes stand beside it, are opened for it in the copy that is written."
     ),
     "effect-parameter": (
         "The effect has no parameter of that name. daest effects NAME lists its parameters with their units."
