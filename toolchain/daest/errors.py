@@ -938,7 +938,8 @@ EXPLANATIONS: dict[str, str] = {
     "model-function": (
         "A Modelica function cannot be executed symbolically: it is external, recurses without end, uses a "
         "variable before it has a value, or loops on a condition that depends on variables. Write it with "
-        "assignments, if, and for-loops over constant ranges, or replace the call by its formula."
+        "assignments, if, and for-loops over constant ranges, or replace the call by its formula. Or it has "
+        "the name of an operator of Modelica, as edge or abs: rename it."
     ),
     "model-inner": (
         "Two inner components of one class give different values to a parameter that outer components read, "
