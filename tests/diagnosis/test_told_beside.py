@@ -1,5 +1,6 @@
 """What is told beside a verdict of parameters that went far."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -41,8 +42,22 @@ def test_parameters_that_go_far_from_what_the_model_gives(
     assert bool(text) is is_told
 
 
-def test_parameters_of_either_sign_are_never_far() -> None:
-    assert told(fit("b", 5.0, 0.1), OFFSET) == ""
+@pytest.mark.parametrize(
+    ("value", "std_error", "unit", "is_told"),
+    [
+        (101.0, 3.0, "V", True),  # a physical constant seldom changes its sign
+        (101.0, 60.0, "V", False),
+        (101.0, None, "V", False),
+        (-101.0, 3.0, "V", False),  # without limits it may be of any size
+        (101.0, 3.0, "degC", False),
+    ],
+)
+def test_parameters_without_limits_are_far_where_their_sign_has_turned(
+    value: float, std_error: float | None, unit: str, is_told: bool
+) -> None:
+    text = told(fit("b", value, std_error), replace(OFFSET, unit=unit))
+    assert ("b = 101 ± 3 F instead of -2 F" in text) is is_told
+    assert bool(text) is is_told
 
 
 @pytest.mark.parametrize("verdict", ["supported", "not separable"])

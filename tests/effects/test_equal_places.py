@@ -129,6 +129,12 @@ equation
 end Cells;
 """
 
+BANK = "package Bank\n{}end Bank;\n".format(
+    CELLS.replace("connect(at[k].phi, U[k])", "U[k] = at[k].phi").replace(
+        "equation\n", "  Real whole = sum(cell[k].v for k in 1:n);\nequation\n"
+    )
+)  # loops around connect clauses and equations, in a class of a package
+
 
 def compiled(text: str, name: str):
     return compile_text(text.encode(), Path(f"{name}.mo"), name)
@@ -187,6 +193,7 @@ LOSS, SPRING = {"G": 5.0, "T_0": 280.0}, {"c3": 7.0}
         (CELLS, "Electrical.BrushVoltageDrop", "cell[3].n", {}),
         (CELLS, "Electrical.VoltageRelaxation", "loss[3].p", {}),
         (CELLS, "Signals.Gain", "U[2]", {}),
+        (BANK, "Electrical.BrushVoltageDrop", "cell[2].p", {}),
     ],
 )
 def test_text_compiles_to_the_equations_of_attach(tmp_path, text, class_name, place, values) -> None:

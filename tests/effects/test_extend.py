@@ -392,7 +392,6 @@ def test_a_curve_is_put_into_a_bare_equation(bare) -> None:
     [
         ("Cart", "Rotational.CoulombFriction", "w[1]", "effect-not-writable", "several equations"),
         ("Cart", "Translational.CoulombFriction", "x", "effect-not-writable", "inside of if, for or when"),
-        ("Own", "General.DriftingParameter", "train.twist.k", "effect-not-writable", "parameter"),
         ("Own", "Rotational.Backlash", "train.twist", "effect-fit", "no parameter c"),
         (
             "Own",
@@ -519,6 +518,76 @@ def test_a_parameter_of_bare_equations_becomes_a_variable(tmp_path, class_name, 
     expected = simulate(merged, drive).outputs
     assert simulate(made.flat, drive).outputs == pytest.approx(expected, rel=1e-6, abs=1e-9)
     assert np.abs(simulate(flat, drive).outputs - expected).max() > 1e-4
+
+
+TANKS = """\
+model Tanks "Parameters of records, arrays and components"
+  record Shape
+    parameter Real A(unit = "m2") = 2; parameter Real b(unit = "1/(m.s)") = 0.15;
+  end Shape;
+  partial model Vessel
+    parameter Real k(unit = "1/s") = 0.2; parameter Shape shape; Real h(unit = "m", start = 1);
+  end Vessel;
+  model Tank
+    extends Vessel; input Real q;
+  equation
+    shape.A*der(h) = q - k*h - shape.b*h^2;
+  end Tank;
+  parameter Real k(unit = "1/s") = 0.3; parameter Real share[n] = {0.4, 0.6}; parameter Integer n = 2;
+  parameter Shape basin;
+  input Real u; input Real F;
+  Real x(start = 0);
+  Tank tank(q = share[1]*u, k = k), row[2](each q = u), other(q = share[2]*u, shape = basin);
+  output Real y[4] = {tank.h, row[1].h, row[2].h + other.h, x + basin.A*u};
+equation
+  der(x) = -basin.b*x + k*sum(share) + F;
+end Tanks;
+"""
+
+
+@pytest.fixture(scope="module")
+def tanks(tmp_path_factory):
+    file = tmp_path_factory.mktemp("tanks") / "Tanks.mo"
+    file.write_text(TANKS)
+    return file, compile_model(file)
+
+
+@pytest.mark.parametrize(
+    ("place", "says"),
+    [
+        ("share[2]", ["share_used = {share[1], dependentParameter.y}", "sum(share_used)"]),
+        ("row[2].k", ["row(k_used = {row[1].k, dependentParameter.y})", 'k_used(unit = "1/s") = k ']),
+        ("basin.b", ["basin_b_used = dependentParameter.y", "shape_b_used = dependentParameter.y"]),
+        pytest.param(
+            "tank.shape.A", ["tank(shape_A_used = ", "shape_A_used*der(h) = q"], marks=pytest.mark.slow
+        ),
+        pytest.param(
+            "k", ["k_used = dependentParameter.y", "tank(k_used = ", "k = k)"], marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_parameters_of_records_arrays_and_components_become_variables(tanks, place, says) -> None:
+    """Those that are handed on, to components of the same file, become variables there as well."""
+    file, flat = tanks
+    values, inputs, own = {"r": 0.2}, {"z": "tank.h"}, {"other.k": 0.25}
+    effect = find_effect("General.DependentParameter")
+    site = find_site(flat, place, effect)
+    made = extend_model(file, None, effect, site, values=values, inputs=inputs, parameters=own)
+    assert all(text in made.text for text in says)
+    merged = attach(flat, effect, site, values=values, inputs=inputs).with_theta(own)
+    drive = (np.linspace(0.0, 2.0, 9), np.tile([1.0, 3.0], (9, 1)))
+    expected = simulate(merged, drive).outputs
+    assert simulate(made.flat, drive).outputs == pytest.approx(expected, rel=1e-6, abs=1e-9)
+    assert np.abs(simulate(flat.with_theta(own), drive).outputs - expected).max() > 1e-3
+
+
+def test_a_parameter_that_something_is_computed_from_stays(tmp_path) -> None:
+    file, effect = tmp_path / "Tanks.mo", find_effect("General.DependentParameter")
+    file.write_text(TANKS.replace("k = k)", "k = 2*k)"))
+    site = find_site(compile_model(file), "k", effect)
+    with pytest.raises(ModelError, match="cannot be written: a component takes it as a parameter") as caught:
+        extend_model(file, None, effect, site, inputs={"z": "tank.h"})
+    assert caught.value.code == "effect-not-writable"
 
 
 def test_a_variable_that_a_parameter_changes_with_is_one_of_the_model(bare) -> None:

@@ -49,6 +49,22 @@ CASES = {
         "unexpected `flow`",
         "`flow` is a word of the language and cannot name anything: write `flow_`.",
     ),
+    "function with the name of an operator": (
+        "model M\n function edge\n  input Real r;\n  output Real y;\n algorithm\n  y := r;\n end edge;\n"
+        " Real x;\nequation\n x = edge(1);\nend M;",
+        "model-function",
+        (2, 11),
+        "the function `edge` has the name of an operator of Modelica",
+        "`edge_`",
+    ),
+    "function with the name of an operator that would be taken": (
+        "package P\n function abs\n  input Real r;\n  output Real y;\n algorithm\n  y := r^2;\n end abs;\n"
+        " model M\n  Real x;\n equation\n  x = abs(1);\n end M;\nend P;",
+        "model-function",
+        (2, 11),
+        "`abs` has the name of an operator",
+        "Rename the function",
+    ),
     "semicolon before a reserved word": (
         "model M\n Real x\n flow Real u;\nequation\n x = 3;\nend M;",
         "model-syntax",

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from daest.numerics import recursions
+from daest.numerics import recursions, riccati
 from daest.numerics.riccati import NoiseModel, filter_riccati, unobservable_subspace, varying_gains
 
 UNIT = 1e6  # of the third state: a slope of the second that is counted in millionths
@@ -40,6 +40,21 @@ def test_a_state_that_no_noise_reaches_and_that_grows_is_followed_all_the_same()
     Phi, R = np.array([[0.9, 1.0], [0.0, 1.1]]), np.array([[1e-4]])
     P = filter_riccati(Phi, np.array([[1.0, 0.0]]), np.diag([1.0, 0.0]), R, np.zeros((2, 1)))
     assert P[1, 1] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("Phi", "Q"),
+    [
+        ([[1.0, 0.0], [0.3, 0.8]], [[0.0, 0.0], [0.0, 0.1]]),
+        ([[0.9, 0.1], [0.1, 0.9]], [[1.0, -1.0], [-1.0, 1.0]]),  # the noise reaches the difference alone
+    ],
+)
+def test_a_mode_on_the_unit_circle_without_noise_is_refused_at_once(Phi, Q, monkeypatch):
+    """Here the Schur method, which a search over parameters would ask for at every point, finds nothing."""
+    C, R, S12 = np.eye(2), np.eye(2), np.zeros((2, 2))
+    assert filter_riccati(np.array(Phi), C, np.array(Q), R, S12) is None
+    monkeypatch.setattr(riccati, "_schur", lambda *_: pytest.fail("asked for"))
+    assert filter_riccati(np.array(Phi), C, np.array(Q), R, S12) is None
 
 
 def test_what_no_output_sees_is_found_once_for_one_model():

@@ -528,8 +528,9 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "effect-not-writable": (
         "The effect can be attached to the equations, but it cannot be written as an extension of the model: "
-        "the place lies inside of a component, or in an equation of a loop, a branch or a package. Equations "
-        "of the model itself are opened for it in the copy that is written."
+        "the place lies inside of a component, or in an equation of a loop, a branch or a package, "
+        "or a component of a library takes the parameter. Equations of the model itself, and parameters "
+        "of components whose classes stand beside it, are opened for it in the copy that is written."
     ),
     "effect-parameter": (
         "The effect has no parameter of that name. daest effects NAME lists its parameters with their units."
@@ -937,7 +938,8 @@ EXPLANATIONS: dict[str, str] = {
     "model-function": (
         "A Modelica function cannot be executed symbolically: it is external, recurses without end, uses a "
         "variable before it has a value, or loops on a condition that depends on variables. Write it with "
-        "assignments, if, and for-loops over constant ranges, or replace the call by its formula."
+        "assignments, if, and for-loops over constant ranges, or replace the call by its formula. Or it has "
+        "the name of an operator of Modelica, as edge or abs: rename it."
     ),
     "model-inner": (
         "Two inner components of one class give different values to a parameter that outer components read, "

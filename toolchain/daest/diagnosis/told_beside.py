@@ -16,6 +16,8 @@ from daest.model.fit import FittedParameter
 from daest.model.parts import Parameter
 from daest.quantities import with_unit
 
+_WITH_OFFSET = ("degC", "degF")
+
 
 def limit_told(stand: Stand, proof: Proof) -> str:
     """How the recordings show that a sensor cuts."""
@@ -65,8 +67,9 @@ def _beside_limits(found: Diagnosis, stand: Stand, limits: Sequence[Proof]) -> D
 
 
 def far_off_told(found: Diagnosis, declared: Sequence[Parameter]) -> str:
-    """Which parameters of the fit that is told have gone so far from the values that the model declares, or
-    beyond its limits, that they may stand in for what is missing; empty where none has."""
+    """Which parameters of the fit that is told have gone so far from the values that the model declares,
+    beyond its limits or to the other sign, that they may stand in for what is missing; empty where none
+    has."""
     named = next((p for p in found.proofs if p.verdict != "rejected"), None)
     told = found.baseline if named is None else named.told
     fitted = {p.name: p for p in told.parameters}
@@ -81,15 +84,26 @@ def far_off_told(found: Diagnosis, declared: Sequence[Parameter]) -> str:
 
 
 def _is_far_off(one: FittedParameter, given: Parameter) -> bool:
-    """Whether a fit leads a parameter beyond a limit that it was released from, or one that counts by ratios
-    far away. A small value whose uncertainty reaches the given one is not far from it."""
+    """Whether a fit leads a parameter beyond a limit that it was released from, surely to the other sign, or
+    one that counts by ratios far away. A small value whose uncertainty reaches the given one is not far from
+    it."""
     low, high = given.min, given.max
     if (low is not None and one.value < low) or (high is not None and one.value > high):
+        return True
+    if _has_turned(one, given):
         return True
     reach = GATES.changed_significance * (one.std_error or 0.0)
     is_near = abs(one.value) < abs(given.value) and abs(one.value - given.value) <= reach
     counts_by_ratio = given.scale == "log" or (low is not None and low >= 0.0)
     return counts_by_ratio and not is_near and are_driven_off({one.name: one.value}, {one.name: given.value})
+
+
+def _has_turned(one: FittedParameter, given: Parameter) -> bool:
+    """Whether the sign of a parameter is surely another one than that given, which that of a physical
+    constant seldom is. The zero of a temperature in degC is one as any other."""
+    if not one.std_error or given.unit in _WITH_OFFSET:
+        return False
+    return one.value * given.value < 0.0 and abs(one.value) > GATES.changed_significance * one.std_error
 
 
 def _far_told(one: FittedParameter, given: Parameter) -> str:

@@ -34,6 +34,7 @@ from daest.modelica.library import (
     readable_roots,
 )
 from daest.modelica.modifications import check_modifications
+from daest.modelica.operator_names import check_operator_names
 from daest.modelica.outer_variables import without_outer_variables
 from daest.modelica.outline import class_heads, tokens
 from daest.modelica.parameters import is_parameter
@@ -99,6 +100,7 @@ def compile_text(
 def with_own_forms(text: bytes, path: Path, name: str) -> bytes:
     """The text with what its own classes alone decide as the compiler takes it; `name` is the class that is
     compiled. Raises ModelError for what the compiler would lose."""
+    check_operator_names(text, path)
     text = with_integer_constants(text, _own_classes(text))
     text = _with_constraints(without_broken(text, path, name), path)
     return with_named_classes(text, path, name)

@@ -32,11 +32,16 @@ from daest.modelica.opened import (
     opened_input,
     opened_mesh,
     opened_output,
-    opened_parameter,
     opened_signal,
     output_binding,
     term_connector,
     with_loop_written_out,
+)
+from daest.modelica.opened_parameters import (
+    aliases,
+    is_used_otherwise,
+    opened_parameter,
+    without_subscripts,
 )
 from daest.modelica.outline import (
     ClassHead,
@@ -107,9 +112,14 @@ class CurveText:
 class _Draft:
     """Parts of the new class."""
 
-    changes: list[str] = field(default_factory=list)  # in the modification of the extends clause
+    values: dict[str, str] = field(default_factory=dict)  # in the modification of the extends clause, by name
+    changes: list[str] = field(default_factory=list)  # what else stands there
     declarations: list[str] = field(default_factory=list)
     equations: list[str] = field(default_factory=list)
+
+    @property
+    def modifications(self) -> list[str]:
+        return [modification(self.values), *self.changes] if self.values else self.changes
 
     def connect(self, left: str, right: str) -> None:
         self.equations.append(f"connect({left}, {right});")
@@ -189,7 +199,7 @@ def extend_model(
     attach(flat, effect, site, name, values, inputs)  # for its checks
     component = name or component_name(effect, names_of(flat))
     placement = Placement(effect, site, component, values or {}, inputs or {})
-    draft = _Draft(changes=_changes(parameters or {}, original))
+    draft = _Draft(*_changes(parameters or {}, original))
     units = units_at(flat, effect, site, inputs=placement.inputs)
     for one in one_by_one(placement, names_of(flat)):
         shared = component if one.name != component else ""
@@ -230,7 +240,7 @@ def extend_by_curve(
         original, end = _opened_balance(original, node.name, node.domain)
         ends = (end,)
     component = free_name(_LEARNED, names_of(original.flat))
-    draft = _Draft(changes=_changes(parameters or {}, original))
+    draft = _Draft(*_changes(parameters or {}, original))
     load_class, connector = _LOADS[node.domain]
     draft.declarations.append(_curve_declaration(load_class, component, load))
     draft.connect(f"{component}.{connector}", _reachable(original, ends))
@@ -247,9 +257,9 @@ def _original(path: Path, class_name: str | None, libraries: Sequence[str | Path
     return _Original(path, source, head, compile_text(source, path, chosen, libraries), libraries)
 
 
-def _changes(parameters: Mapping[str, float], original: _Original) -> list[str]:
-    """New values of the model's parameters, as they stand in the modification of the extends clause. One that
-    had to pass a bound takes this along."""
+def _changes(parameters: Mapping[str, float], original: _Original) -> tuple[dict[str, str], list[str]]:
+    """New values of the model's parameters, as they stand in the modification of the extends clause: by their
+    names, and with the bound that one had to pass."""
     flat = original.flat
     known = {p.name: p for p in flat.parameters if "." not in p.name}
     passed: dict[str, str] = {}
@@ -261,36 +271,44 @@ def _changes(parameters: Mapping[str, float], original: _Original) -> list[str]:
             passed[name] = "max"
     texts = {name: number_text(float(value)) for name, value in parameters.items()}
     bounds = {n: f"{n}({bound} = {texts[n]})" for n, bound in passed.items() if "[" not in n}
-    bounds |= {_array_of(n): f"{_array_of(n)}(each {b} = {texts[n]})" for n, b in passed.items() if "[" in n}
+    bounds |= {
+        without_subscripts(n): f"{without_subscripts(n)}(each {b} = {texts[n]})"
+        for n, b in passed.items()
+        if "[" in n
+    }
     values = {name: text for name, text in texts.items() if "[" not in name}
-    arrays = dict.fromkeys(_array_of(name) for name in texts if "[" in name)
+    arrays = dict.fromkeys(without_subscripts(name) for name in texts if "[" in name)
     values |= {name: _array_text(name, parameters, original) for name in arrays}
     inside = {name: text for name, text in values.items() if name not in bounds}
-    changes = [modification(inside)] if inside else []
-    return [*changes, *(f"{bound} = {values[n]}" for n, bound in bounds.items())]
-
-
-def _array_of(name: str) -> str:
-    """The name without subscripts: what a modification changes as a whole, `wall.R` of `wall[2].R[1]`."""
-    return _SUBSCRIPTS.sub("", name)
+    return inside, [f"{bound} = {values[n]}" for n, bound in bounds.items()]
 
 
 def _array_text(array: str, parameters: Mapping[str, float], original: _Original) -> str:
     """The values of an array of parameters, new ones and those of the model, `{1.0, 2.5}`."""
-    found = {
-        tuple(int(i) for part in _SUBSCRIPTS.findall(p.name) for i in part.split(",")): (
-            parameters.get(p.name, p.value)
-        )
-        for p in original.flat.parameters
-        if _array_of(p.name) == array
-    }
-    size = tuple(max(column) for column in zip(*found, strict=True))
-    if len(found) != np.prod(size):
+    known = {p.name: p.value for p in original.flat.parameters}
+    found = _elements(known, array)
+    text = _in_braces({at: number_text(float(parameters.get(n, known[n]))) for at, n in found.items()})
+    if text is None:
         raise original.refusal(
             f"the values of `{array}` cannot be written: some of its elements are computed",
             "Give its elements names of their own, or set them in the model.",
         )
-    return _nested([number_text(float(found[at])) for at in sorted(found)], size)
+    return text
+
+
+def _elements(names: Iterable[str], array: str) -> dict[tuple[int, ...], str]:
+    """Those of the names that are elements of an array, by their indices; a scalar has none."""
+    return {
+        tuple(int(i) for part in _SUBSCRIPTS.findall(name) for i in part.split(",")): name
+        for name in names
+        if without_subscripts(name) == array
+    }
+
+
+def _in_braces(texts: Mapping[tuple[int, ...], str]) -> str | None:
+    """The texts of the elements of an array as one; None where some are missing."""
+    size = tuple(max(column) for column in zip(*texts, strict=True))
+    return _nested([texts[at] for at in sorted(texts)], size) if len(texts) == np.prod(size) else None
 
 
 def _nested(texts: Sequence[str], size: Sequence[int]) -> str:
@@ -381,7 +399,7 @@ def _is_identifier(name: str) -> bool:
 
 def _class_text(name: str, original: _Original, about: str, draft: _Draft) -> str:
     lines = [f'model {name} "{original.head.name.rpartition(".")[2]} with {about}"']
-    lines += _extends(original.head.name, draft.changes)
+    lines += _extends(original.head.name, draft.modifications)
     lines += [f"  {line}" for declaration in draft.declarations for line in declaration.split("\n")]
     lines += ["equation", *(f"  {equation}" for equation in draft.equations), f"end {name};", ""]
     return "\n".join(lines)
@@ -755,23 +773,54 @@ def _behind_signal(draft: _Draft, placement: Placement, original: _Original) -> 
 
 
 def _instead(draft: _Draft, placement: Placement, original: _Original) -> _Original:
-    """The model whose equations take the effect's result for a parameter that the class itself declares, and
-    hands on to nothing."""
-    name, flat = placement.site.name, original.flat
-    symbol = next(x for p, x in zip(flat.parameters, ca.vertsplit(flat.theta), strict=True) if p.name == name)
-    if "." in name or "[" in name or ca.depends_on(flat.derived_values, symbol):
+    """The model whose equations take the effect's result for a parameter: one of the model or of a record, or
+    one of a component whose class stands in the same file."""
+    name, result = placement.site.name, f"{placement.name}.y"
+    same = aliases(original.flat, name)
+    opened: list[str] = []
+    for array in dict.fromkeys(without_subscripts(one) for one in same):
+        with _opening(original, f"the parameter `{name}`"):
+            made = _parameter_opened(original, name, next(n for n in same if without_subscripts(n) == array))
+        if made is not None:
+            draft.values[made[1]] = _instead_of_elements(original, same, array, result)
+            original = made[0]
+            opened.append(made[1])
+    if not same or is_used_otherwise(original.flat, name, opened):
         raise original.refusal(
             f"{placement.effect.name} at `{name}` cannot be written: a component takes it as a parameter, "
             "which does not change with time",
             "Declare it in the class of the component as a variable.",
         )
-    with _opening(original, f"the parameter `{name}`"):
-        source, variable = opened_parameter(original.source, flat, name, names_of(flat))
-    draft.changes.append(f"{variable} = {placement.name}.y")
     draft.equations.append(f"{placement.name}.u = {name};")
     for own in placement.effect.inputs:
         draft.equations.append(f"{placement.name}.{own} = {placement.inputs[own]};")
-    return original.changed(source)
+    return original
+
+
+def _parameter_opened(original: _Original, name: str, alias: str) -> tuple[_Original, str] | None:
+    """The model whose equations use a parameter, or an alias of it, through a variable, and that; None where
+    no equation of the class uses it. Raises NotOpened."""
+    made = opened_parameter(original.source, original.flat, name, alias)
+    if made is None:
+        return None
+    try:
+        return original.changed(made[0]), made[1]
+    except ModelError:  # of a text that the user has not written
+        raise NotOpened("is used where nothing may change with time") from None
+
+
+def _instead_of_elements(original: _Original, same: Collection[str], array: str, result: str) -> str:
+    """What takes the place of a parameter or an array of such: the `result` for those that are the `same`."""
+    flat = original.flat
+    names = (*flat.parameter_names, *(p.name for p in flat.derived_parameters))
+    found = _elements(names, array)
+    text = _in_braces({at: result if name in same else name for at, name in found.items()})
+    if text is None:
+        raise original.refusal(
+            f"`{array}` cannot change as a whole: some of its elements are no parameters",
+            "Give its elements names of their own.",
+        )
+    return text
 
 
 def _before_output(draft: _Draft, placement: Placement, original: _Original) -> _Original:

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from daest.errors import Place
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
-from daest.model.parts import Equation, Parameter, Variable
+from daest.model.parts import Equation, Variable
 from daest.modelica.attach import free_name
 from daest.modelica.balances import Balance, converted_text, in_connectors, needs_position
 from daest.modelica.components import expression_end
@@ -117,7 +117,7 @@ def with_loop_written_out(source: bytes, flat: FlatModel, number: int) -> bytes:
     if n_alike == 1:
         return source
     start = _offset(source, flat, equation.place)
-    _, words = _class_at(source, start)
+    _, words = class_at(source, start)
     at = next(i for i, w in enumerate(words) if w.start == start)
     text = without_loop(source, words, at, n_alike)
     return source if text is None else text
@@ -159,7 +159,7 @@ def opened_mesh(source: bytes, flat: FlatModel, mesh: Mesh, taken: Iterable[str]
     if not uses:
         raise NotOpened(f"does not name `{voltage}`, from which the voltage would be taken")
     edits = [Edit(w.start, w.end, mesh.lowered(voltage, f"{name}.{_TOTAL}")) for w in uses]
-    return edited(source, [*edits, _declared(source, row.words, *term.lines)]), name
+    return edited(source, [*edits, declared_first(source, row.words, *term.lines)]), name
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ def _with_terms(
         edits += _with_term(row.left if is_left else row.right, f"{mark} {shown}")
     if connection:
         edits.append(_before(source, rows[0][0], connection))
-    return edited(source, [*edits, _declared(source, rows[0][0].words, *term.lines)])
+    return edited(source, [*edits, declared_first(source, rows[0][0].words, *term.lines)])
 
 
 def _before(source: bytes, row: _Row, statement: str) -> Edit:
@@ -249,7 +249,7 @@ def _row_at(source: bytes, flat: FlatModel, number: int) -> _Row:
     start = _offset(source, flat, equation.place)
     places = [(e.place, e.origin) for e in flat.equations]
     alike = [i for i, one in enumerate(places) if one == places[number]]
-    head, words = _class_at(source, start)
+    head, words = class_at(source, start)
     if len(alike) > 1 and not _is_of_vectors(flat, words, start, number):
         raise NotOpened("stands for several equations (a loop, or an array of more than one index)")
     if equation.kind != "binding":
@@ -326,12 +326,6 @@ def opened_input(source: bytes, flat: FlatModel, name: str, taken: Iterable[str]
     return _used_through(source, flat, next(v for v in flat.inputs if v.name == name), taken)
 
 
-def opened_parameter(source: bytes, flat: FlatModel, name: str, taken: Iterable[str]) -> tuple[bytes, str]:
-    """The text whose equations use the parameter through a variable, and the name of that. Raises
-    NotOpened."""
-    return _used_through(source, flat, next(p for p in flat.parameters if p.name == name), taken)
-
-
 def opened_signal(
     source: bytes, flat: FlatModel, name: str, given: Equation, taken: Iterable[str]
 ) -> tuple[bytes, str]:
@@ -341,7 +335,7 @@ def opened_signal(
     if given.kind == "binding":
         return _used_through(source, flat, symbol, taken)
     begin = _offset(source, flat, given.place)
-    _, words = _class_at(source, begin)
+    _, words = class_at(source, begin)
     at = next(i for i, w in enumerate(words) if w.start == begin)
     if not _stands_alone(words, at):
         raise NotOpened("does not stand for itself")
@@ -351,29 +345,29 @@ def opened_signal(
 def _used_through(
     source: bytes,
     flat: FlatModel,
-    symbol: Variable | Parameter,
+    symbol: Variable,
     taken: Iterable[str],
     given: Collection[int] = (),
 ) -> tuple[bytes, str]:
     """The text whose equations use `symbol` through a variable of its own, and the name of that variable; the
     equation whose words begin at the bytes `given` stays."""
     name, start = symbol.name, _offset(source, flat, symbol.place)
-    head, words = _class_at(source, start)
+    head, words = class_at(source, start)
     used = free_name(f"{name}_used", taken)
     unit = f'(unit = "{symbol.unit}")' if symbol.unit else ""
     line = f'Real {used}{unit} = {name} "{name} as the equations use it";'
-    declared = next(w for w in words if w.start == start)
-    uses = [w for w in _all_uses(source, head, words, declared) if w.start not in given]
+    uses = [w for w in all_uses(source, head, words, name, start) if w.start not in given]
     edits = [Edit(w.start, w.end, used) for w in uses]
     if not edits:
         raise NotOpened("is used by no equation of the class that declares it")
-    return edited(source, [*edits, _declared(source, words, line)]), used
+    return edited(source, [*edits, declared_first(source, words, line)]), used
 
 
 def _uses(words: Sequence[Token], name: str, declared: int) -> list[Token]:
     """Tokens that use the variable: not its declaration, a part of another name, the name of an argument or
     of what a modification `(T(start = 290))` or `(final T = 290)` is of, a connection or an annotation."""
     found: list[Token] = []
+    path = re.findall(r"\.|[^.]+", name)
     skipped = 0  # brackets of an annotation or a connection that are open
     for i, word in enumerate(words):
         before, after = words[i - 1].text if i else "", words[i + 1].text if i + 1 < len(words) else ""
@@ -381,8 +375,11 @@ def _uses(words: Sequence[Token], name: str, declared: int) -> list[Token]:
             skipped += (word.text in OPEN) - (word.text in CLOSE)
             continue
         is_argument = after == "(" or (after == "=" and before in ("(", ",", "each", "final"))
-        if word.text == name and before != "." and word.start != declared and not is_argument:
-            found.append(word)
+        if word.text != path[0] or before == "." or word.start == declared or is_argument:
+            continue
+        run = words[i : i + len(path)]
+        if [one.text for one in run] == path:
+            found.append(replace(word, text=name, end=run[-1].end))
     return found
 
 
@@ -397,14 +394,14 @@ def is_used_elsewhere(source: bytes, flat: FlatModel, name: str) -> bool:
     """Whether equations of the class that declares the output use it, be it that which gives it. Raises
     NotOpened."""
     head, words, at = _output(source, flat, name)
-    return bool(_all_uses(source, head, words, words[at]))
+    return bool(all_uses(source, head, words, words[at].text, words[at].start))
 
 
 def opened_output(source: bytes, flat: FlatModel, name: str, taken: Iterable[str]) -> bytes:
     """The text in which the output has a binding and no equation uses it: its equation `name = …`, or else a
     variable that takes its place in all equations. Raises NotOpened."""
     head, words, at = _output(source, flat, name)
-    uses = _all_uses(source, head, words, words[at])
+    uses = all_uses(source, head, words, words[at].text, words[at].start)
     starts = [i for i, w in enumerate(words) if w.text == name and i != at and _begins(words, i)]
     is_equation = len(starts) == 1 and words[starts[0] + 1].text == "=" and _stands_alone(words, starts[0])
     if not is_equation or len(uses) > 1:
@@ -425,19 +422,20 @@ def _output(source: bytes, flat: FlatModel, name: str) -> tuple[ClassHead, list[
     """The class that declares the output, its tokens and the index of its name among them."""
     output = next(y for y in flat.outputs if y.name == name)
     start = _offset(source, flat, output.place)
-    head, words = _class_at(source, start)
+    head, words = class_at(source, start)
     return head, words, next(i for i, w in enumerate(words) if w.start == start)
 
 
-def _all_uses(source: bytes, head: ClassHead, words: Sequence[Token], name: Token) -> list[Token]:
-    """Tokens that use the variable declared by `name` in the class of `head`, whose tokens are `words`, and
-    in the classes of the file that extend it."""
+def all_uses(source: bytes, head: ClassHead, words: Sequence[Token], name: str, declared: int) -> list[Token]:
+    """Tokens that use the variable `name`, declared at a byte, in the class of `head`, whose tokens are
+    `words`, and in the classes of the file that extend it; of a field of a record those of the dotted name in
+    one."""
     heads = class_heads(source)
     derived: list[ClassHead] = [head]
     for one in derived:  # grows on the way
         derived += [h for h in heads if h not in derived and _extends(source, h, one)]
-    others = [_uses(class_tokens(source, other), name.text, -1) for other in derived[1:]]
-    return [*_uses(words, name.text, name.start), *(token for uses in others for token in uses)]
+    others = [_uses(class_tokens(source, other), name, -1) for other in derived[1:]]
+    return [*_uses(words, name, declared), *(token for uses in others for token in uses)]
 
 
 def _with_variable_behind(
@@ -462,7 +460,7 @@ def _with_variable_behind(
     line = f'{kind} {inner}{modifier}{given} "{name.text} as the equations have it";'
     last = bound[-1].end if bound else end
     edits = [Edit(w.start, w.end, inner) for w in uses]
-    return [*edits, Edit(name.end, last, f"{left} = {inner}"), _declared(source, words, line)]
+    return [*edits, Edit(name.end, last, f"{left} = {inner}"), declared_first(source, words, line)]
 
 
 def output_binding(source: bytes, flat: FlatModel, name: str) -> str:
@@ -504,7 +502,7 @@ def _offset(source: bytes, flat: FlatModel, place: Place | None) -> int:
     return offset_of(source, place)
 
 
-def _class_at(source: bytes, start: int) -> tuple[ClassHead, list[Token]]:
+def class_at(source: bytes, start: int) -> tuple[ClassHead, list[Token]]:
     """The class that holds the token at byte `start`, and its tokens."""
     for head in reversed(class_heads(source)):
         if head.start < start:
@@ -514,7 +512,7 @@ def _class_at(source: bytes, start: int) -> tuple[ClassHead, list[Token]]:
     raise NotOpened("cannot be found in the text")
 
 
-def _declared(source: bytes, words: Sequence[Token], *lines: str) -> Edit:
+def declared_first(source: bytes, words: Sequence[Token], *lines: str) -> Edit:
     """Declarations as the first of the class, behind its name and description."""
     at = 0
     while at + 1 < len(words) and (words[at + 1].kind == "text" or words[at + 1].text == "+"):

@@ -1,7 +1,7 @@
 """Loops of equations written out, so that one of their equations can be opened.
 
 `for i in 2:n loop C*der(T[i]) = q[i-1] - q[i]; end for;` becomes `C*der(T[2]) = q[1] - q[2];` and so on: the
-same equations in the same order. Loops of connect clauses likewise, as `for i in 1:n-1 loop
+same equations in the same order. Loops with connect clauses likewise, as `for i in 1:n-1 loop
 connect(a[i].n, a[i+1].p); end for;`, so that one of their connections can be opened.
 """
 
@@ -23,6 +23,7 @@ from daest.modelica.outline import (
 
 _LOOP, _END, _CONNECT = "loop", "end", "connect"
 _BLOCKS = ("for", "if", "when")
+_BEFORE_STATEMENTS = (";", "equation", "algorithm", "then", "else", _LOOP)
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,10 @@ class _Loop:
 
 
 def _loop_at(words: Sequence[Token], at: int) -> _Loop | None:
-    """The loop whose index is the token `at`; None where it is none."""
-    if at == 0 or words[at - 1].text != "for" or [w.text for w in words[at + 1 : at + 2]] != ["in"]:
+    """The loop whose index is the token `at`; None where it is none, as in `sum(x[i] for i in 1:n)`."""
+    if at < 2 or words[at - 1].text != "for" or [w.text for w in words[at + 1 : at + 2]] != ["in"]:
+        return None
+    if words[at - 2].text not in _BEFORE_STATEMENTS:
         return None
     body = next(i for i in range(at, len(words)) if words[i].text == _LOOP) + 1
     end = next(i for i in range(body, len(words)) if words[i].text == _END)
@@ -71,7 +74,7 @@ def without_loop(source: bytes, words: Sequence[Token], at: int, n_equations: in
 
 def with_connects_written_out(source: bytes, head: ClassHead) -> bytes:
     """The text in which the connect clauses of a class name each element of an array by its number: loops
-    around nothing else are written out, and subscripts such as `n-1` worked out."""
+    around them are written out, and subscripts such as `n-1` worked out."""
     while (edit := _loop_of_connects(source, class_tokens(source, head))) is not None:
         source = edited(source, [edit])
         head = _again(source, head)
@@ -83,13 +86,14 @@ def _again(source: bytes, head: ClassHead) -> ClassHead:
 
 
 def _loop_of_connects(source: bytes, words: Sequence[Token]) -> Edit | None:
-    """The first loop over whole numbers with connect clauses alone inside, written out; None for none."""
+    """The first loop over whole numbers with connect clauses inside, and maybe equations of one statement
+    each, written out; None for none."""
     known = _known_numbers(words)
     for loop in filter(None, (_loop_at(words, at) for at in range(1, len(words)))):
         low, high = _whole(loop.first, known), _whole(loop.last, known)
         before = ["", *(w.text for w in loop.inside)]
         begins = {w.text for w, last in zip(loop.inside, before, strict=False) if last in ("", ";")}
-        if low is not None and high is not None and begins == {_CONNECT}:
+        if low is not None and high is not None and _CONNECT in begins and not begins & set(_BLOCKS):
             return loop.written_out(source, low, high)
     return None
 

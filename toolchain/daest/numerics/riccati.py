@@ -114,6 +114,8 @@ def _driven_covariance(
     if Phi.shape[0] == 0:
         return np.zeros((0, 0))
     for method in (_doubled, _schur):
+        if method is _schur and _keeps_a_mode(Phi, Q):
+            return None
         # A diverging solution is dropped below. Next to no noise on an integrator leaves a closed-loop pole
         # next to the unit circle: scipy warns of the Lyapunov equation then, but what counts is the residual.
         with np.errstate(over="ignore", invalid="ignore"), warnings.catch_warnings():
@@ -122,6 +124,18 @@ def _driven_covariance(
         if P is not None and _solves(P, Phi, C, Q, R, S12):
             return P
     return None
+
+
+def _keeps_a_mode(Phi: np.ndarray, Q: np.ndarray) -> bool:
+    """Whether a mode on the unit circle has no noise: every solution leaves it in the closed loop."""
+
+    def on_circle(values: np.ndarray) -> bool:
+        return bool(np.any(np.abs(np.abs(values) - 1.0) <= STABILITY_MARGIN))
+
+    if not np.isfinite(Phi).all() or not on_circle(np.linalg.eigvals(Phi)):
+        return False
+    _, unreached = unobservable_subspace(Phi.T, Q)
+    return on_circle(undamped_modes(Phi.T, unreached, STABILITY_MARGIN)[0])
 
 
 def predictor_gain(
