@@ -192,10 +192,15 @@ def counts(run: Run) -> Counter[str]:
 
 
 def is_small_fault(case: Case, fault: str, label: str) -> bool:
-    """Whether a label names the gain of the first input, which is there."""
+    """Whether a label names the gain of the first input, or the parameter that drifts, which is there."""
     name, _, places = label.partition(" at ")
-    first = next(iter(MACHINES[case.group].inputs))
-    return fault == "gain" and name == "Gain" and first in places.split(", ")
+    machine = MACHINES[case.group]
+    there = {
+        "gain": ("Gain", next(iter(machine.inputs))),
+        "drift": ("DriftingParameter", machine.drifting),
+    }
+    effect, place = there.get(fault, ("", ""))
+    return name == effect and place in places.split(", ")
 
 
 def table(runs: Sequence[Run]) -> str:

@@ -207,7 +207,7 @@ FAULT_NAMES = {  # a name for a fault that is there is no wrong name
     "lag": ("Lag", "Delay"),
     "flexible": ("Lag", "Delay", "ExtraCompliance"),
     "gain": ("Gain",),
-    "drift": ("Drift",),
+    "drift": ("Drift", "DriftingParameter"),
 }
 FAULTS = ("drift", "lag", "quantised", "coloured", "gain", "flexible", "jitter", "loop")
 NOTHING = "nothing"
