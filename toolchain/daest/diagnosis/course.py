@@ -296,18 +296,18 @@ class Course:
 
     def _with_dependences(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with the parameters that change with a variable and lead the screen of these, where no
-        law is accepted and something is left to explain, or the accepted one leaves most of it, and no other
-        law takes that: it is asked next."""
+        law is accepted and something is left to explain, or the accepted one leaves errors that last, and no
+        other law takes those: it is asked next."""
         best = best_accepted(ranked(proofs))
         is_alone = best is None or not any(_is_next(p, best) for p in proofs)
-        if not (self._is_open(proofs) or (is_alone and self._leaves_most(proofs))):
+        if not (self._is_open(proofs) or (is_alone and self._leaves_errors(proofs))):
             return proofs
         found = dependence_screen(self.stand.null, self.loads.run, self._dependences, self.options.seed)
         if found is None:
             return proofs
         stages = replace(stages, search=stages.search.among_more(found.n_screened))
         told = stages.proved(stages.prepared(leading(found)), proofs)[0]
-        others = stages.prepared(in_other_forms(told, self.library))
+        others = stages.prepared(in_other_forms(told, proofs, self.library))
         return [*proofs, *told, *stages.proved(others, proofs)[0]]
 
     @cached_property
@@ -318,9 +318,15 @@ class Course:
 
     def _with_dependences_in_use(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with the parameters that change and lead a screen in open loop, where still no law is
-        accepted: what goes slowly from one value to another is left to the loads, one sample ahead."""
+        accepted, or one that its simulation alone shows leaves errors that last: what goes slowly from one
+        value to another is left to the loads, one sample ahead. Where none leads, the first is simulated all
+        the same: errors that add up count as few samples to a screen."""
         reference = self.stand.reference
-        if reference is None or reference.simulated is None or not self._is_open(proofs):
+        if reference is None or reference.simulated is None:
+            return proofs
+        best = best_accepted(ranked(proofs))
+        by_use = best is not None and best.is_by_use
+        if not (self._is_open(proofs) or (by_use and self._leaves_errors(proofs))):
             return proofs
         null, seed = self.stand.null, self.options.seed
         used = (
@@ -328,7 +334,7 @@ class Course:
         )
         if used is None:
             return proofs
-        leaders = _leaders_in_use(used, MOST_DEPENDENCES)
+        leaders = _leaders_in_use(used, MOST_DEPENDENCES) or trials(used, 1.0, len(used.entries))[:1]
         return stages.shown_by_leaders(self.stand, leaders, proofs)
 
     def _dead_times_for(self, lag: Proof) -> list[Trial]:
@@ -408,6 +414,11 @@ class Course:
         ratios = error_ratios(reference.fit.simulated, best.told.simulated)
         takes_most = bool(ratios) and max(ratios) <= GATES.max_most_ratio
         return not takes_most and errors_last(best)
+
+    def _leaves_errors(self, proofs: Sequence[Proof]) -> bool:
+        """Whether what the accepted law leaves of a simulation lasts."""
+        best = best_accepted(ranked(proofs))
+        return best is not None and errors_last(best) and not self.options.is_over
 
     def _is_open(self, proofs: Sequence[Proof]) -> bool:
         """Whether no law is accepted, something is left to explain, and there is time for it."""

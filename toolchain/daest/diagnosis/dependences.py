@@ -17,6 +17,7 @@ import numpy as np
 from daest.diagnosis.free_forms import internal_variables
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
+from daest.diagnosis.ranking import is_same_load
 from daest.diagnosis.screen import NullObserver, screen
 from daest.diagnosis.trials import Trial
 from daest.errors import EstimationError
@@ -72,11 +73,12 @@ def leading(found: Screen) -> list[Trial]:
     return [Trial(e.candidate, e.sizes, ()) for e in seen[:MOST_DEPENDENCES]]
 
 
-def in_other_forms(proofs: Sequence[Proof], library: Sequence[Effect]) -> list[Trial]:
-    """The likeliest of the parameters that change in the other forms that it may change in."""
-    best = max(
-        (p for p in proofs if p.candidate.effect.is_of_variable), key=lambda p: p.delta_bic, default=None
-    )
+def in_other_forms(told: Sequence[Proof], known: Sequence[Proof], library: Sequence[Effect]) -> list[Trial]:
+    """The likeliest of the parameters that change in the other forms that it may change in. One that says
+    what a law among the `known` ones says is that law, of which no other form is known."""
+    of_variable = [p for p in told if p.candidate.effect.is_of_variable]
+    own = [p for p in of_variable if not any(is_same_load(p, law) for law in known)]
+    best = max(own, key=lambda p: p.delta_bic, default=None)
     if best is None or best.delta_bic < GATES.min_bic_gain:
         return []
     one = best.candidate

@@ -30,6 +30,7 @@ from daest.diagnosis.ranking import ahead_of, least_hope
 from daest.diagnosis.reasons import (
     beyond_recordings,
     in_place_of_a_parameter,
+    is_absent_at_once,
     is_history,
     lag_too_short,
     not_determined,
@@ -599,6 +600,7 @@ def by_simulation(
     refused = refused or beside.delta_log_likelihood < -GATES.hopeless_log_likelihood
     candidate = prepared.trial.candidate
     refused = refused or bool(weak(prepared, found, reference.fit, used.gain))
+    refused = refused or is_absent_at_once(candidate, beside.fit, found)
     # That the simulation is better by more than chance speaks for a kink at a place that is hardly known.
     least = GATES.min_significance
     refused = refused or bool(not_determined(candidate, found, reference.fit, least, used.gain))

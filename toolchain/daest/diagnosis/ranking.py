@@ -297,10 +297,23 @@ def _place(best: Proof, proof: Proof) -> tuple[bool, float, int, float, float, f
     return proof.verdict == "rejected", ratio, n_parameters, -step, -explained, -_bic(proof)
 
 
+def is_same_load(one: Proof, other: Proof) -> bool:
+    """Whether a parameter that changes with a variable does what a law of the same variable does: what a
+    temperature of the surroundings gains with the speed of a fan is a heat flow in proportion to that. The
+    parameter itself makes up for the middle of the variable, and is another one."""
+    a, b = one.candidate, other.candidate
+    if a.effect.is_of_variable == b.effect.is_of_variable or len(_own_sizes(one)) != len(_own_sizes(other)):
+        return False
+    apart = abs(one.delta_log_likelihood - other.delta_log_likelihood)
+    return set(a.inputs.values()) == set(b.inputs.values()) and apart <= GATES.same_fit
+
+
 def _is_same_equation(one: Proof, other: Proof) -> bool:
     """Whether two laws do the same under two names: as a heat flow into a node and a gain in proportion to
     it; or as an offset and a dead zone of which the recordings show one side alone. Two searches for one end
     a little apart beside the loads, and without these at the same values, with sizes that are as certain."""
+    if is_same_load(one, other):
+        return True
     apart = abs(one.delta_log_likelihood - other.delta_log_likelihood)
     if apart <= GATES.same_equation:
         return _has_same_values(one, other)

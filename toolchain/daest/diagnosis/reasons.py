@@ -137,6 +137,26 @@ def vanished(candidate: Candidate, told: FitResult) -> str:
     return f"without unknown loads {'; '.join(reasons)}"
 
 
+def is_absent_at_once(candidate: Candidate, beside: FitResult, told: FitResult) -> bool:
+    """Whether a share of another signal in a reading is known to be another one `beside` loads than in the
+    simulation that is `told`. Loads act on what is stored, and take over nothing that jumps with that signal:
+    what follows it later only is a store that nobody knows."""
+    if candidate.site.kind != "output" or not candidate.inputs or candidate.effect.n_states:
+        return False
+    loaded = {p.name: p for p in beside.parameters}
+    pairs = [
+        (loaded[p.name], p)
+        for p in told.parameters
+        if p.name.startswith(f"{candidate.name}.") and p.name in loaded
+    ]
+    return any(
+        abs(p.value) > GATES.elsewhere * abs(one.value)
+        and abs(p.value - one.value)
+        > GATES.min_significance * np.hypot(p.std_error or np.inf, one.std_error or np.inf)
+        for one, p in pairs
+    )
+
+
 def not_determined(
     candidate: Candidate,
     told: FitResult,
