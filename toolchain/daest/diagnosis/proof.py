@@ -59,6 +59,7 @@ from daest.diagnosis.unseen import (
     is_worse,
     judged,
 )
+from daest.diagnosis.within_sample import acts_later
 from daest.errors import DaestError
 from daest.estimation.identify_nonlinear import Refit
 from daest.estimation.records import longest_duration, n_observed, part_of
@@ -385,6 +386,7 @@ class _Judge:
         is_all = self._is_nearly_all(ratios)
         seen = final if final and (is_shown or is_all) else fit
         reason = reason or weak(prepared, seen, self._before, self.found.gain)
+        reason = reason or acts_later(self.run, candidate, last, self._before)
         alone = grown(self.fed, prepared.flat, explicit, last, self.found.experiments)
         reason = reason or undriven(alone) or _of_its_start(self.null, alone, candidate, reference)
         reason = reason or _of_levels(self.fed, prepared, explicit, final, self.validation, reference)
