@@ -97,13 +97,14 @@ def _forms(library: Sequence[Effect]) -> list[Effect]:
 
 def _middles(null: Null, run: NullObserver, most: int) -> dict[str, float]:
     """The means of the variables that move in all recordings, at most as many: measured ones, states,
-    inputs."""
+    inputs. Not those of effects that were put in: no machine changes with what its sensor makes of it."""
     courses = [internal_variables(null, run, i) for i in range(len(null.experiments))]
     loads = {load.name for load in null.loads}
     states = [name for name in null.explicit.state_names if name not in loads]
     measured = [y.name() for y in ca.vertsplit(null.flat.output_expressions) if y.is_symbolic()]
     wanted = dict.fromkeys((*measured, *states, *null.experiments[0].input_names))
-    shared = [name for name in wanted if all(name in course for course in courses)]
+    own = [name for name in wanted if name.partition(".")[0] not in null.flat.attached]
+    shared = [name for name in own if all(name in course for course in courses)]
     whole = {name: np.concatenate([course[name] for course in courses]) for name in shared[:most]}
     return {name: _rounded(float(np.mean(x)), float(np.std(x))) for name, x in whole.items()}
 
