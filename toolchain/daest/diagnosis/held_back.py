@@ -34,8 +34,10 @@ def lags_in_the_way(found: Diagnosis) -> list[Proof]:
     law of another kind may be accepted: such a lag makes the recordings likelier than any law does, and what
     it leaves follows a variable or was not looked at, since it foresees unseen data worse, or the simulation
     of these is far better with a law, or far from them with the lag. Empty where something is accepted, but
-    for what explains far less than a lag does, and for a law of another kind that its simulation alone shows
-    and that leaves errors far from the noise, or there is no such lag."""
+    for what explains far less than a lag does, for a law of another kind that its simulation alone shows
+    and that leaves errors far from the noise, and for a parameter that changes, which may do the work of
+    several laws, or there is no such lag."""
+    found = replace(found, proofs=tuple(p for p in found.proofs if p.candidate.site.kind != "parameter"))
     outdoing = {
         p.candidate.label for p in found.proofs if p.verdict == "rejected" and _is_dynamics_of_signal(p)
     }
