@@ -1,17 +1,20 @@
 """Parameters that change with a variable of the model: a vessel that narrows as its pressure rises."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from hidden_plants import library, model
 from scipy.integrate import solve_ivp
+from test_proof import proved
 
-from daest.diagnosis.dependences import dependence_screen, dependences
+from daest.diagnosis.dependences import dependence_screen, dependences, refused_where_errors_last
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screen import run_null
 from daest.diagnosis.stand import begin, halved
+from daest.model.effects import Site
 from daest.model.experiment import Experiment
 
 PERIOD, N, NOISE, MIDDLE = 0.05, 800, 0.5, 90.0
@@ -74,3 +77,13 @@ def test_a_dependence_is_named_where_no_law_of_the_library_leaves_as_little():
     (rate,) = [p for p in proof.told.parameters if p.name.endswith(".r")]
     at_middle = 0.006 / (1.0 + 0.006 * (proof.candidate.shape["z_0"] - MIDDLE))
     assert rate.value == pytest.approx(at_middle, abs=4.0 * rate.std_error)
+
+
+@pytest.mark.parametrize(("lasts", "is_kept"), [(True, False), (False, True)])
+def test_a_dependence_that_leaves_errors_that_last_comes_near_alone(monkeypatch, lasts, is_kept):
+    """Beside friction and a lag that are seen only together, a stiffness that goes with the speed."""
+    monkeypatch.setattr("daest.diagnosis.dependences.errors_last", lambda proof: lasts)
+    _, friction = proved()
+    changing = replace(friction, candidate=replace(friction.candidate, site=Site("J", "parameter", "signal")))
+    kept, other = refused_where_errors_last([changing, friction])
+    assert (kept.verdict == "supported") is is_kept and other is friction

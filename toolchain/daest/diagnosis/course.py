@@ -16,6 +16,7 @@ from daest.diagnosis.dependences import (
     dependences,
     in_other_forms,
     leading,
+    refused_where_errors_last,
 )
 from daest.diagnosis.disturbance import SmoothedLoad
 from daest.diagnosis.gates import GATES
@@ -148,7 +149,7 @@ class Course:
             leaders = [] if used is None else _leaders_in_use(used, MOST_IN_PIECES)
             stages = self._stages()
             found = stages.shown_by_leaders(pieces, leaders, proofs)
-            return ranked(found), not stages.late
+            return ranked(refused_where_errors_last(found)), not stages.late
         return tuple(proofs), False
 
     def _stages(self, stand: Stand | None = None) -> Stages:
@@ -308,7 +309,8 @@ class Course:
         stages = replace(stages, search=stages.search.among_more(found.n_screened))
         told = stages.proved(stages.prepared(leading(found)), proofs)[0]
         others = stages.prepared(in_other_forms(told, proofs, self.library))
-        return [*proofs, *told, *stages.proved(others, proofs)[0]]
+        told += stages.proved(others, proofs)[0]
+        return [*proofs, *(told if best is not None else refused_where_errors_last(told))]
 
     @cached_property
     def _dependences(self) -> tuple[Candidate, ...]:
@@ -335,7 +337,8 @@ class Course:
         if used is None:
             return proofs
         leaders = _leaders_in_use(used, MOST_DEPENDENCES) or trials(used, 1.0, len(used.entries))[:1]
-        return stages.shown_by_leaders(self.stand, leaders, proofs)
+        found = stages.shown_by_leaders(self.stand, leaders, proofs)
+        return found if best is not None else refused_where_errors_last(found)
 
     def _dead_times_for(self, lag: Proof) -> list[Trial]:
         """The dead time at the signal of a lag, from the time of that."""

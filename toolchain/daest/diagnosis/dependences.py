@@ -17,7 +17,7 @@ import numpy as np
 from daest.diagnosis.free_forms import internal_variables
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null import Null
-from daest.diagnosis.ranking import is_same_load
+from daest.diagnosis.ranking import errors_last, is_same_load
 from daest.diagnosis.screen import NullObserver, screen
 from daest.diagnosis.trials import Trial
 from daest.errors import EstimationError
@@ -27,6 +27,7 @@ from daest.model.flat import Model
 from daest.modelica.attach import free_name, names_of
 from daest.modelica.sites import sites
 
+LASTS = "what it leaves of a simulation lasts"
 LINEAR = "Daest.Effects.General.DependentParameter"
 MOST_PAIRS = 200  # of parameters and variables, which are tried
 MOST_DEPENDENCES = 5  # of them, which are refitted
@@ -86,6 +87,18 @@ def in_other_forms(told: Sequence[Proof], known: Sequence[Proof], library: Seque
     return [
         Trial(replace(one, effect=effect, name=f"{one.name}_{number}"), best.sizes, ())
         for number, effect in enumerate(others, 2)
+    ]
+
+
+def refused_where_errors_last(proofs: Sequence[Proof]) -> list[Proof]:
+    """The laws, without parameters that change and leave errors of a simulation that last, where no law of
+    the library is accepted: the first term of any dependence does some of what any effect does. Such a one
+    comes near."""
+    return [
+        replace(p, verdict="rejected", reason=LASTS)
+        if p.verdict != "rejected" and p.candidate.site.kind == "parameter" and errors_last(p)
+        else p
+        for p in proofs
     ]
 
 
