@@ -143,7 +143,11 @@ def test_lag_is_looked_beside_where_it_leaves_errors_far_above_the_noise(error, 
     lag = SimpleNamespace(
         verdict="rejected",
         candidate=SimpleNamespace(
-            label="Lag at T", is_dynamic=True, is_of_signal=True, effect=SimpleNamespace(n_states=1)
+            label="Lag at T",
+            is_dynamic=True,
+            is_of_signal=True,
+            effect=SimpleNamespace(n_states=1),
+            site=SimpleNamespace(kind="output"),
         ),
         delta_bic=400.0,
         left=SimpleNamespace(p_value=0.5, log_likelihood_gain=1.0),
@@ -158,7 +162,7 @@ def test_lag_is_looked_beside_where_it_leaves_errors_far_above_the_noise(error, 
     # A law that explains far less than the lag does not stand in its way; any other that is accepted does.
     law = SimpleNamespace(
         verdict="not separable",
-        candidate=SimpleNamespace(is_dynamic=False, is_of_signal=False),
+        candidate=SimpleNamespace(is_dynamic=False, is_of_signal=False, site=SimpleNamespace(kind="node")),
         delta_bic=150.0,
         is_by_use=False,
         is_known=True,

@@ -37,13 +37,11 @@ def lags_in_the_way(found: Diagnosis) -> list[Proof]:
     for what explains far less than a lag does, for a law of another kind that its simulation alone shows
     and that leaves errors far from the noise, and for a parameter that changes, which may do the work of
     several laws, or there is no such lag."""
-    found = replace(found, proofs=tuple(p for p in found.proofs if p.candidate.site.kind != "parameter"))
-    outdoing = {
-        p.candidate.label for p in found.proofs if p.verdict == "rejected" and _is_dynamics_of_signal(p)
-    }
+    proofs = [p for p in found.proofs if p.candidate.site.kind != "parameter"]
+    outdoing = {p.candidate.label for p in proofs if p.verdict == "rejected" and _is_dynamics_of_signal(p)}
     accepted = [
         proof
-        for proof in found.proofs
+        for proof in proofs
         if proof.verdict != "rejected" and not outdoing & set(proof.not_separable_from)
     ]
     if not all(
@@ -51,14 +49,14 @@ def lags_in_the_way(found: Diagnosis) -> list[Proof]:
     ):
         return []
     # By its simulation a law is likelier than that of the model, and not than a lag beside loads.
-    laws = [p for p in found.proofs if not p.candidate.is_dynamic and not p.is_by_use]
+    laws = [p for p in proofs if not p.candidate.is_dynamic and not p.is_by_use]
     # Beside a lag that leaves nothing, none that is less likely has held anything back.
-    enough = [p for p in found.proofs if _is_dynamics_of_signal(p) and not _leaves_anything(p)]
+    enough = [p for p in proofs if _is_dynamics_of_signal(p) and not _leaves_anything(p)]
     least = max((p.delta_bic for p in (*laws, *enough)), default=0.0)
     is_shown = bool(accepted) or any(_is_shown(found, p) for p in laws)
     likely = [
         p
-        for p in found.proofs
+        for p in proofs
         if _is_dynamics_of_signal(p)
         and p.delta_bic > max(least, GATES.min_told_bic_gain)
         and (is_shown or _leaves_anything(p))
