@@ -500,6 +500,7 @@ def test_held_parameter_is_final() -> None:
     ("class_name", "place", "inputs", "says"),
     [
         ("General.DependentParameter", "m", {"z": "T"}, ["(1 + m_used)*der(q)", "dependentParameter.z = T;"]),
+        ("General.DependentParameter", "m", {"z": "z"}, ["(1 + m_used)*der(q)", "dependentParameter.z = z;"]),
         ("General.DriftingParameter", "n", {}, ["F - n_used*v - m*der(v)", "n_used = driftingParameter.y"]),
     ],
 )

@@ -617,8 +617,9 @@ class _Assembly:
         self._substitute(self._values[name], formula, name, f"({shown})", member)
 
     def _variable(self, name: str, member: _Member, own: str) -> ca.SX:
-        """The symbol of a variable or input of the model. Raises ModelError where there is none."""
-        known = self._symbol | {x.name: u for x, u in zip(self.inputs, self.u, strict=True)}
+        """A variable, an input or an output of the model. Raises ModelError where there is none."""
+        known = {y.name: result for y, result in zip(self.outputs, self.results, strict=True)}
+        known |= self._symbol | {x.name: u for x, u in zip(self.inputs, self.u, strict=True)}
         if name not in known:
             raise ModelError(
                 "effect-parameter",

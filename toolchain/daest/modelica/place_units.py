@@ -37,7 +37,8 @@ def units_at(
     The `clock` is that of the model (`clock_unit`), for who asks for many effects. `inputs` names the
     variables that a parameter changes with."""
     if effect.is_of_variable:
-        known = {x.name: x.unit for x in (*flat.unknowns, *flat.inputs)}
+        known = {y.name: y.unit for y in flat.outputs}
+        known |= {x.name: x.unit for x in (*flat.unknowns, *flat.inputs)}
         unit = known.get((inputs or {}).get(effect.inputs[0], ""), "")
         return {p.name: _of_variable(p, unit) for p in effect.parameters}
     clock = clock_unit(flat) if clock is None else clock

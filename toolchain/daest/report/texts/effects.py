@@ -47,7 +47,8 @@ def _one(effect: Mapping[str, Any]) -> Iterator[RenderableType]:
     if effect["places"] is not None:
         yield indented(f"places in this model: {listed([p['name'] for p in effect['places']])}")
     if effect["inputs"]:
-        yield indented(f"measured signals: {', '.join(effect['inputs'])}")
+        kind = "variables of the model" if effect["attach"] == "parameter" else "measured signals"
+        yield indented(f"{kind}: {', '.join(effect['inputs'])}")
     yield Text("")
     rows = [_parameter(p) for p in effect["parameters"]]
     columns = ("parameter", "role", "start", "min", "max", "unit", "meaning")
