@@ -35,7 +35,7 @@ LENGTHS_APART = 4  # steps by which the number of periods over a whole way grows
 MOST_INSIDE = 24  # signals inside of a model that are places of a search: of more, none that is not named
 MOST_POINTS = 400  # of a trajectory that a range is taken from
 LEARNED = "Learned"  # curves describe what no effect explains; they are no hypothesis themselves
-NO_SITES = ("parameter",)  # a drifting parameter is looked for by name, not everywhere
+NO_SITES = ("parameter",)  # parameters that change have a search of their own
 
 
 def pairs(

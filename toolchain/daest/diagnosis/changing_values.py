@@ -59,7 +59,7 @@ def changing_value(
     effect = next((one for one in library if one.name == CHANGE), None)
     if effect is None or not isinstance(law.flat, FlatModel) or not brings_time(null.flat, law.flat):
         return None
-    if law.candidate.site.kind == "parameter":
+    if law.candidate.is_of_parameter:
         return None
     places = [site for site in sites(stand.declared) if site.kind == "parameter"]
     changes = {site.name: Candidate(effect, site, f"change_{i}", {}) for i, site in enumerate(places)}

@@ -300,8 +300,8 @@ class Course:
         law is accepted and something is left to explain, or the accepted one leaves errors that last, and no
         other law takes those: it is asked next."""
         best = best_accepted(ranked(proofs))
-        is_alone = best is None or not any(_is_next(p, best) for p in proofs)
-        if not (self._is_open(proofs) or (is_alone and self._leaves_errors(proofs))):
+        leaves_errors = best is not None and errors_last(best) and not any(_is_next(p, best) for p in proofs)
+        if not (self._is_open(proofs) or (leaves_errors and not self.options.is_over)):
             return proofs
         found = dependence_screen(self.stand.null, self.loads.run, self._dependences, self.options.seed)
         if found is None:
@@ -327,8 +327,8 @@ class Course:
         if reference is None or reference.simulated is None:
             return proofs
         best = best_accepted(ranked(proofs))
-        by_use = best is not None and best.is_by_use
-        if not (self._is_open(proofs) or (by_use and self._leaves_errors(proofs))):
+        leaves_errors = best is not None and best.is_by_use and errors_last(best)
+        if not (self._is_open(proofs) or (leaves_errors and not self.options.is_over)):
             return proofs
         null, seed = self.stand.null, self.options.seed
         used = (
@@ -417,11 +417,6 @@ class Course:
         ratios = error_ratios(reference.fit.simulated, best.told.simulated)
         takes_most = bool(ratios) and max(ratios) <= GATES.max_most_ratio
         return not takes_most and errors_last(best)
-
-    def _leaves_errors(self, proofs: Sequence[Proof]) -> bool:
-        """Whether what the accepted law leaves of a simulation lasts."""
-        best = best_accepted(ranked(proofs))
-        return best is not None and errors_last(best) and not self.options.is_over
 
     def _is_open(self, proofs: Sequence[Proof]) -> bool:
         """Whether no law is accepted, something is left to explain, and there is time for it."""

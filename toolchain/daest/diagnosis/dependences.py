@@ -51,8 +51,10 @@ def dependences(
 ) -> tuple[Candidate, ...]:
     """Every parameter of the `declared` model beside every variable that it may change with, from the middle
     that this has in the recordings, in the form of which all are to first order (`_forms`); and beside the
-    time."""
+    time. None of a model with too many parameters."""
     places = [site for site in sites(declared) if site.kind == "parameter"]
+    if len(places) > MOST_PAIRS:
+        return ()
     middles = _middles(null, run, most=MOST_PAIRS // max(len(places), 1))
     taken: Collection[str] = names_of(null.flat)
     found: list[Candidate] = []
@@ -96,7 +98,7 @@ def refused_where_errors_last(proofs: Sequence[Proof]) -> list[Proof]:
     comes near."""
     return [
         replace(p, verdict="rejected", reason=LASTS)
-        if p.verdict != "rejected" and p.candidate.site.kind == "parameter" and errors_last(p)
+        if p.verdict != "rejected" and p.candidate.is_of_parameter and errors_last(p)
         else p
         for p in proofs
     ]

@@ -37,7 +37,7 @@ def lags_in_the_way(found: Diagnosis) -> list[Proof]:
     for what explains far less than a lag does, for a law of another kind that its simulation alone shows
     and that leaves errors far from the noise, and for a parameter that changes, which may do the work of
     several laws, or there is no such lag."""
-    proofs = [p for p in found.proofs if p.candidate.site.kind != "parameter"]
+    proofs = [p for p in found.proofs if not p.candidate.is_of_parameter]
     outdoing = {p.candidate.label for p in proofs if p.verdict == "rejected" and _is_dynamics_of_signal(p)}
     accepted = [
         proof

@@ -311,7 +311,7 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
     beside = _beside_lag(task, path, diagnosis)
     if beside:
         return beside
-    if all(proof.candidate.site.kind == "parameter" for proof in accepted):
+    if all(proof.candidate.is_of_parameter for proof in accepted):
         # A parameter that changes does the work of laws that are seen only together.
         other = _with_pair(task, path, diagnosis)
         if other is not None:

@@ -50,7 +50,7 @@ from daest.diagnosis.trials import Prepared, Trial, moved, prepare
 from daest.errors import DaestError
 from daest.estimation.records import n_observed
 from daest.model.diagnosis import Candidate, Proof, Screen
-from daest.model.fit import FitResult
+from daest.model.fit import FitResult, follows_all
 from daest.model.flat import with_equations
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Outcome, Workers, called
@@ -435,8 +435,7 @@ def _says_more_of_signal(candidate: Candidate, others: Sequence[Candidate]) -> b
 
 def _follows(fit: FitResult) -> bool:
     """Whether a simulation says most of what every output does."""
-    percents = fit.simulated["estimation"].fit_percent.values()
-    return all(percent is not None and percent > GATES.min_driven_fit for percent in percents)
+    return follows_all(fit.simulated, "estimation", GATES.min_driven_fit)
 
 
 def _beside_in_use(best: Proof | None, proofs: Sequence[Proof]) -> list[Proof]:

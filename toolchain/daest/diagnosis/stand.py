@@ -39,7 +39,7 @@ from daest.estimation.signals import is_constant
 from daest.model.diagnosis import Proof
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, IdentifyOptions, error_ratios
+from daest.model.fit import FitResult, IdentifyOptions, error_ratios, follows_all
 from daest.model.flat import FlatModel
 from daest.model.holds import FOH, Hold
 from daest.model.parts import Parameter
@@ -192,9 +192,7 @@ def _fitted(
 def _is_driven(reference: Reference) -> bool:
     """Whether the inputs say what the outputs do: nothing of a simulation adds up, or it follows what was
     recorded all the same, as the voltage of a battery that is discharged once."""
-    seen = reference.fit.simulated.get("estimation")
-    percents = () if seen is None else tuple(seen.fit_percent.values())
-    follows = bool(percents) and all(p is not None and p > GATES.min_taken_fit for p in percents)
+    follows = follows_all(reference.fit.simulated, "estimation", GATES.min_taken_fit)
     return follows or not reference.adds_up
 
 

@@ -24,7 +24,7 @@ from daest.estimation.observer import observer
 from daest.estimation.records import longest_duration
 from daest.model.diagnosis import Ahead, Confirmed
 from daest.model.experiment import Experiment
-from daest.model.fit import FitResult, error_ratios
+from daest.model.fit import FitResult, error_ratios, follows_all
 from daest.quantities import spoken_duration
 from daest.systems.integrate import Integrator, integrate, integrator
 from daest.systems.integration import Correction, IntegrationError
@@ -362,9 +362,7 @@ def _is_elsewhere(fit: FitResult) -> bool:
 
 def _is_followed(fit: FitResult) -> bool:
     """Whether a simulation does nearly all that every output of the unseen data does."""
-    unseen = fit.simulated.get("validation")
-    percents = [] if unseen is None else list(unseen.fit_percent.values())
-    return bool(percents) and all(p is not None and p > GATES.min_followed_fit for p in percents)
+    return follows_all(fit.simulated, "validation", GATES.min_followed_fit)
 
 
 def adds_up(run: NullObserver) -> bool:

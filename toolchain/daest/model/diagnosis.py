@@ -82,6 +82,11 @@ class Candidate:
         return self.site.kind in ("input", "output", "signal")
 
     @property
+    def is_of_parameter(self) -> bool:
+        """Whether it stands at a parameter of the model, which changes with it."""
+        return self.site.kind == "parameter"
+
+    @property
     def is_of_recorded(self) -> bool:
         """Whether it stands at a signal that is recorded: an input or an output."""
         return self.site.kind in ("input", "output")

@@ -151,6 +151,13 @@ class Agreement:
     white: dict[str, float | None] = field(default_factory=dict)
 
 
+def follows_all(simulated: Mapping[str, Agreement], data: str, least: float) -> bool:
+    """Whether a simulation of that `data` fits every output by more than `least` percent; not where nothing
+    is known of one, or of all."""
+    percents = simulated[data].fit_percent.values() if data in simulated else ()
+    return bool(percents) and all(percent is not None and percent > least for percent in percents)
+
+
 def error_ratios(
     before: Mapping[str, Agreement], after: Mapping[str, Agreement], data: str = "validation"
 ) -> list[float]:

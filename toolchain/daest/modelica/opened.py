@@ -343,24 +343,27 @@ def opened_signal(
 
 
 def _used_through(
-    source: bytes,
-    flat: FlatModel,
-    symbol: Variable,
-    taken: Iterable[str],
-    given: Collection[int] = (),
+    source: bytes, flat: FlatModel, symbol: Variable, taken: Iterable[str], given: Collection[int] = ()
 ) -> tuple[bytes, str]:
     """The text whose equations use `symbol` through a variable of its own, and the name of that variable; the
     equation whose words begin at the bytes `given` stays."""
     name, start = symbol.name, _offset(source, flat, symbol.place)
     head, words = class_at(source, start)
     used = free_name(f"{name}_used", taken)
-    unit = f'(unit = "{symbol.unit}")' if symbol.unit else ""
-    line = f'Real {used}{unit} = {name} "{name} as the equations use it";'
+    line = used_declaration(used, name, symbol.unit)
     uses = [w for w in all_uses(source, head, words, name, start) if w.start not in given]
     edits = [Edit(w.start, w.end, used) for w in uses]
     if not edits:
         raise NotOpened("is used by no equation of the class that declares it")
     return edited(source, [*edits, declared_first(source, words, line)]), used
+
+
+def used_declaration(used: str, name: str, unit: str, sizes: str = "") -> str:
+    """The declaration of the variable `used` through which equations use what is called `name`; `[n]` are the
+    `sizes` of an array."""
+    each = "each " if sizes else ""
+    modifier = f'({each}unit = "{unit}")' if unit else ""
+    return f'Real {used}{sizes}{modifier} = {name} "{name} as the equations use it";'
 
 
 def _uses(words: Sequence[Token], name: str, declared: int) -> list[Token]:

@@ -17,7 +17,7 @@ from daest.errors import Place
 from daest.model.flat import FlatModel
 from daest.model.parts import DerivedParameter, Parameter
 from daest.modelica.attach import free_name, names_of
-from daest.modelica.opened import NotOpened, all_uses, class_at, declared_first
+from daest.modelica.opened import NotOpened, all_uses, class_at, declared_first, used_declaration
 from daest.modelica.outline import Edit, Token, closing, edited, offset_of
 
 _LOCAL = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)(\[[\d,]+\])?")
@@ -56,7 +56,7 @@ def opened_parameter(source: bytes, flat: FlatModel, name: str, alias: str) -> t
     if not uses:
         return None
     used = free_name(f"{local.replace('.', '_')}_used", _names_in(flat, owner))
-    line = _declaration(used, local, symbol, _sizes(source, words, start) if is_element else "")
+    line = used_declaration(used, local, symbol.unit, _sizes(source, words, start) if is_element else "")
     edits = [Edit(use.start, use.end, used) for use in uses]
     text = edited(source, [*edits, declared_first(source, words, line)])
     return text, f"{without_subscripts(owner)}.{used}" if owner else used
@@ -122,12 +122,6 @@ def _names_in(flat: FlatModel, owner: str) -> Iterator[str]:
     for name in (*flat.unknown_names, *parameters, *(e.origin for e in flat.equations)):
         if name.startswith(within):
             yield without_subscripts(name.removeprefix(within).partition(".")[0])
-
-
-def _declaration(used: str, local: str, symbol: Parameter | DerivedParameter, sizes: str) -> str:
-    each = "each " if sizes else ""
-    unit = f'({each}unit = "{symbol.unit}")' if symbol.unit else ""
-    return f'Real {used}{sizes}{unit} = {local} "{local} as the equations use it";'
 
 
 def _sizes(source: bytes, words: Sequence[Token], start: int) -> str:
