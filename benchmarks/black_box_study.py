@@ -27,16 +27,16 @@ import diagnosis_study
 import numpy as np
 from diagnosis_study import EXCITATIONS, SIZES, Case, Rate, arguments, chosen, keep, limits, servo_truth
 
-from daest.diagnosis.black_box import diagnose_black_box
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.without_equations.black_box import diagnose_black_box
 from daest.errors import DaestError
-from daest.estimation.records import part_of
+from daest.estimation.fitting.records import part_of
 from daest.fmu.binary_model import binary_model
 from daest.fmu.export import export_fmu
 from daest.machine import described
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 from daest.numerics.parallel import workers
 from daest.report.documents.diagnose import document
 

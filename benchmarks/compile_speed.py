@@ -38,8 +38,8 @@ import numpy as np
 warnings.simplefilter("ignore")
 from daest.errors import DaestError
 from daest.modelica.compile import compile_text
-from daest.systems.linearize import linearize
-from daest.systems.simulate import simulate
+from daest.systems.linear.linearize import linearize
+from daest.systems.simulation.simulate import simulate
 name, libraries = sys.argv[1], sys.argv[2:]
 text = f"model Used extends {name}; end Used;".encode()
 told = {}

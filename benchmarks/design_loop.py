@@ -44,8 +44,8 @@ from daest.model.diagnosis import Diagnosis
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library, find_effects
-from daest.modelica.sites import find_site
+from daest.modelica.effects.catalogue import effect_library, find_effects
+from daest.modelica.places.sites import find_site
 
 ROOT = Path(__file__).resolve().parents[1]
 SECONDS = 8.0  # of the search for an input

@@ -36,8 +36,8 @@ from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.modelica.closed_loop import closed_loop
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import find_effects
-from daest.modelica.sites import find_site
+from daest.modelica.effects.catalogue import find_effects
+from daest.modelica.places.sites import find_site
 
 ROOT = Path(__file__).resolve().parents[1]
 SERVO = {"d": 0.02, "c": 1.5, "J1": 6.3e-6, "J2": 0.02, "k": 0.06}

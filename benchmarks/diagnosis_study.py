@@ -44,7 +44,7 @@ from daest.model.diagnosis import Diagnosis, FreeForm
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 from daest.numerics.parallel import Outcome, workers
 
 EXCITATIONS = ("steps", "noise", "sweep")

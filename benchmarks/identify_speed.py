@@ -25,7 +25,7 @@ from daest.estimation.identify import identify
 from daest.machine import described
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
-from daest.systems.state_space import sample, state_space
+from daest.systems.linear.state_space import sample, state_space
 
 TRUE = {"d": 0.0226, "c": 1.4367, "J1": 6.838e-6, "J2": 0.02054, "R": 4.316, "k": 0.0675, "n": 30.0}
 FAR = {"d": 0.2, "c": 0.3, "J1": 3e-5, "J2": 0.1, "k": 0.02}

@@ -20,7 +20,7 @@ import numpy as np
 from daest.errors import DaestError
 from daest.machine import described
 from daest.modelica.compile import compile_text
-from daest.systems.simulate import simulate
+from daest.systems.simulation.simulate import simulate
 
 TOLERANCE = 1e-6  # of a value with a closed form, relative to it (floor 1)
 END, SAMPLES = 2.0, 201  # s, and how many

@@ -44,8 +44,8 @@ import numpy as np
 warnings.simplefilter("ignore")
 from daest.errors import DaestError
 from daest.modelica.compile import compile_text
-from daest.systems.linearize import linearize
-from daest.systems.simulate import simulate
+from daest.systems.linear.linearize import linearize
+from daest.systems.simulation.simulate import simulate
 from library_models import compared
 name, reference, libraries = sys.argv[1], sys.argv[2], sys.argv[3:]
 short = "Use_" + name.rpartition(".")[2]

@@ -22,7 +22,7 @@ from scipy.optimize import least_squares
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions, NoiseChoice
-from daest.systems.integrate import integrate, integrator
+from daest.systems.simulation.integrate import integrate, integrator
 
 SHORT = 400  # samples of scipy, which loops over them in Python
 ESTIMATED = ("J1", "J2", "d", "c", "k", "stick", "width")

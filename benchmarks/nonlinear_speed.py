@@ -18,16 +18,16 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
-from daest.estimation.ekf import ekf_likelihood, run_ekf
-from daest.estimation.filter_task import Directions, Noise, Record, Start, Task, record
-from daest.estimation.particle import ContinuousPoints, run_particles
-from daest.estimation.ukf import run_ukf
+from daest.estimation.filter_engines.ekf import ekf_likelihood, run_ekf
+from daest.estimation.filter_engines.filter_task import Directions, Noise, Record, Start, Task, record
+from daest.estimation.filter_engines.particle import ContinuousPoints, run_particles
+from daest.estimation.filter_engines.ukf import run_ukf
 from daest.machine import described
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
-from daest.systems.integrate import integrate, integrator
-from daest.systems.local_linear import local_model
-from daest.systems.reduce import reduce_index
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import integrate, integrator
+from daest.systems.simulation.local_linear import local_model
 
 PERIOD = 0.005
 SHORT = 400  # samples for peers that loop in Python, and for particles

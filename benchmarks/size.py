@@ -47,7 +47,7 @@ FITTED_FROM = 2000
 """Equations from which on times are fitted by a power of their number."""
 
 RELATIVE = 1e-9
-"""Part of the largest derivative that counts as none, as in `daest.systems.noise`."""
+"""Part of the largest derivative that counts as none, as in `daest.systems.linear.noise`."""
 
 SAMPLES, PERIOD = 2000, 0.02
 """Length [samples] and period [s] of the records that are filtered."""
@@ -64,13 +64,13 @@ def model(name: str, n: int) -> daest.LinearDAE:
 
 
 def by_sparse_form(dae: daest.LinearDAE) -> dict[str, object]:
-    from daest.systems.sparse_form import sparse_form
+    from daest.systems.linear.sparse_form import sparse_form
 
     return _verdicts(daest.noise_report(dae, sparse_form(dae)))
 
 
 def by_staircase(dae: daest.LinearDAE) -> dict[str, object]:
-    from daest.systems.split import split
+    from daest.systems.linear.split import split
 
     return _verdicts(daest.noise_report(dae, split(dae)))
 
@@ -131,7 +131,7 @@ def one_filter(name: str, n_states: int, kind: str) -> dict[str, object]:
     """Numbers of one filter run in this process: noise on the input, one output, an unknown start."""
     from daest.estimation.filter import run_filter
     from daest.model.estimates import FilterOptions
-    from daest.systems.state_space import state_space, state_space_family
+    from daest.systems.linear.state_space import state_space, state_space_family
 
     n = n_states // 2 if name == "Chain" else n_states
     flat = daest.compile_model(MODELS / f"{name}.mo", overrides={"n": n})

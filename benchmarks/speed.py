@@ -36,18 +36,18 @@ import scipy.linalg as sla
 from daest.data.check import check_table
 from daest.data.read import read_table
 from daest.data.table import Part
-from daest.estimation.ekf import ekf_likelihood
-from daest.estimation.filter_task import Noise, Start, Task
-from daest.estimation.filter_task import record as prepared
-from daest.estimation.kalman import kalman_filter
-from daest.estimation.particle import ContinuousPoints, run_particles, systematic
+from daest.estimation.filter_engines.ekf import ekf_likelihood
+from daest.estimation.filter_engines.filter_task import Noise, Start, Task
+from daest.estimation.filter_engines.filter_task import record as prepared
+from daest.estimation.filter_engines.kalman import kalman_filter
+from daest.estimation.filter_engines.particle import ContinuousPoints, run_particles, systematic
 from daest.machine import described
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
 from daest.model.linear import DiscreteModel
 from daest.numerics.recursions import linear_recursion
-from daest.systems.integrate import integrate, integrator
-from daest.systems.local_linear import local_model
+from daest.systems.simulation.integrate import integrate, integrator
+from daest.systems.simulation.local_linear import local_model
 
 PERIOD = 0.01
 EQUAL = 1e-9  # relative difference of two log-likelihoods of one problem

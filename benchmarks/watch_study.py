@@ -29,15 +29,15 @@ from diagnosis_study import excitation
 from daest.diagnosis.changed import diagnose_change
 from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import DaestError
-from daest.estimation.change import Usual, threshold_for
-from daest.estimation.online_filter import online_filter
-from daest.estimation.records import part_of
-from daest.estimation.watch import QUIET, Alarm, Watch, before_change
+from daest.estimation.fitting.records import part_of
+from daest.estimation.streaming.change import Usual, threshold_for
+from daest.estimation.streaming.online_filter import online_filter
+from daest.estimation.streaming.watch import QUIET, Alarm, Watch, before_change
 from daest.machine import described
 from daest.model.estimates import FilterOptions, Sample
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 from daest.numerics.compiler import build_shared, pointer
 from daest.numerics.parallel import workers
 

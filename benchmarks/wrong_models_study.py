@@ -34,7 +34,7 @@ from daest.machine import described
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 from daest.numerics.parallel import Outcome, workers
 
 SHARP = 1e-3  # of a speed over which the sign of friction changes in the simulator

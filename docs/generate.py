@@ -31,12 +31,13 @@ from daest.cli.main import COMMANDS, cli
 from daest.cli.schema import schema_names, schema_of
 from daest.data.limits import DATA
 from daest.data.project import KEYS
-from daest.diagnosis import formulas, open_loop, pieces, unseen
+from daest.diagnosis.answers import formulas
+from daest.diagnosis.evidence import open_loop, pieces, unseen
 from daest.diagnosis.gates import GATES
 from daest.errors import EXPLANATIONS
 from daest.estimation.gates import FIT
 from daest.model.effects import Effect
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 from daest.systems.tolerances import SOLVER
 
 # Objects made between two looks of the garbage collector: all sources are read, and with 700 the site

@@ -235,5 +235,5 @@ def compiler_by_copy() -> Iterator[None]:
     """The compiler works in a copy of the test process, although other tests have left threads of native code
     behind: they never ran the compiler, and a new process for each compilation takes five times as long."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("daest.modelica.apart._may_copy", lambda: sys.platform == "linux")
+        patch.setattr("daest.modelica.compiling.apart._may_copy", lambda: sys.platform == "linux")
         yield

@@ -20,9 +20,9 @@ from daest.cli.main import run
 from daest.data.project import load_project
 from daest.data.read import Signal, read_experiments
 from daest.modelica.compile import compile_model
-from daest.systems.linearize import linearize
-from daest.systems.noise import noise_report
-from daest.systems.simulate import simulate
+from daest.systems.linear.linearize import linearize
+from daest.systems.linear.noise import noise_report
+from daest.systems.simulation.simulate import simulate
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 NAMES = sorted(folder.name for folder in EXAMPLES.iterdir() if (folder / "daest.toml").is_file())

@@ -8,7 +8,7 @@ import pytest
 
 import daest
 from daest.cli.main import run
-from daest.diagnosis.trial import fitted_candidate
+from daest.diagnosis.comparison.trial import fitted_candidate
 
 ROOT = Path(__file__).resolve().parents[1]
 LAG = """\

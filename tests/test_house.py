@@ -96,7 +96,7 @@ def room(module: str) -> str:
 
 def test_the_page_names_the_rooms_and_only_files_that_there_are():
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| ((?:`\w+`(?:, )?)+) \|", page.split("## Where")[0], re.MULTILINE)
+    rows = re.findall(r"^\| ((?:`\w+`(?:, )?)+) \|", page.split("## Folders")[0], re.MULTILINE)
     named = [re.findall(r"`(\w+)`", row) for row in rows]
     below = FLOORS[:-1]
     assert sorted(chain(*named)) == sorted(chain(*below))
@@ -126,6 +126,43 @@ def _is_below(lower: str, upper: str) -> bool:
 
 def test_no_file_imports_itself_round_a_corner():
     assert circles({name: set(others) for name, others in arrows().items()}) == []
+
+
+def test_folders_of_a_room_do_not_lean_on_each_other():
+    """What a folder takes from the others of its room does not come back to it. Files of the room itself call
+    into its folders, or are known to all of them."""
+    folders: dict[str, set[str]] = {folder(name): set() for name in files() if name.count(".") == 3}
+    for name in files():
+        if name.count(".") == 3:
+            own = folder(name)
+            others = {folder(other) for other in arrows()[name] if other.count(".") == 3}
+            folders[own] |= {other for other in others if other != own and room(other) == room(own)}
+    assert circles(folders) == []
+
+
+def test_the_page_names_the_folders_from_below():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table = page.split("## Folders")[1].split("## Where")[0]
+    rows = re.findall(r"^\| (?:`(\w+)` )?\| `(\w+)` \|", table, re.MULTILINE)
+    named, own = [], ""
+    for of, name in rows:
+        own = of or own
+        named.append(f"daest.{own}.{name}")
+    rooms = {room(name) for name in named}
+    there = {folder(name) for name in files() if name.count(".") == 3}
+    assert set(named) == {name for name in there if room(name) in rooms}
+    upward = [
+        f"{name} imports {other}"
+        for name, others in arrows().items()
+        for other in others
+        if folder(name) in named and folder(other) in named and room(name) == room(other)
+        if named.index(folder(name)) < named.index(folder(other))
+    ]
+    assert upward == []
+
+
+def folder(module: str) -> str:
+    return module.rpartition(".")[0]
 
 
 @pytest.mark.parametrize(

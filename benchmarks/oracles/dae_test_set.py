@@ -25,8 +25,8 @@ from scipy.integrate import solve_ivp
 import daest
 from daest.errors import DaestError
 from daest.machine import described
-from daest.systems.reduce import reduce_index
-from daest.systems.simulate import simulate
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.simulate import simulate
 
 MODELS = Path(__file__).parent / "models"
 RTOLS = (1e-4, 1e-6, 1e-8, 1e-10)

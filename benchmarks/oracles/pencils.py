@@ -24,7 +24,7 @@ from daest.errors import DaestError
 from daest.machine import described
 from daest.model.linear import LinearDAE
 from daest.model.parts import Equation, Variable
-from daest.systems.noise import noise_report
+from daest.systems.linear.noise import noise_report
 
 LARGEST = 40
 HIGHEST_INDEX = 8

@@ -28,13 +28,13 @@ from scipy.linalg import expm
 from scipy.optimize import OptimizeResult, least_squares, minimize
 
 import daest
+from daest.estimation.filter_engines.kalman import kalman_filter
 from daest.estimation.identify import identify
-from daest.estimation.kalman import kalman_filter
 from daest.machine import described
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions, Method, NoiseChoice
-from daest.systems.state_space import Hold, sample, state_space, state_space_family
+from daest.systems.linear.state_space import Hold, sample, state_space, state_space_family
 
 MODELS = Path(__file__).parent / "models"
 SMALLEST = 1e-10  # of a standard deviation, as in ctsmTMB

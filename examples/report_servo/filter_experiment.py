@@ -25,7 +25,7 @@ from daest.model.experiment import Experiment
 from daest.model.linear import StateSpaceFamily
 from daest.modelica.change import declare, with_values
 from daest.modelica.compile import compile_model
-from daest.systems.state_space import state_space_family
+from daest.systems.linear.state_space import state_space_family
 
 # (N.m)2 s, unmodelled torques on motor and disc, at places that Theorem 3.1 admits.
 NOISES = {"motor.flange_b.tau": 1e-8, "disc.flange_b.tau": 1e-7}

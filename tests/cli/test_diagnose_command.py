@@ -15,7 +15,9 @@ import pytest
 from cart_data import CART, recording, write_recording
 
 from daest.cache import cache_folder
-from daest.diagnosis import examine, search, stand
+from daest.diagnosis import examine
+from daest.diagnosis.evidence import stand
+from daest.diagnosis.refits import search
 from daest.modelica.compile import compile_model
 
 FRICTION = 0.5  # N

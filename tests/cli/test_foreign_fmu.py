@@ -15,12 +15,12 @@ from ball_fmu import DESCRIPTION, ball, fall
 from fmu_archives import changed
 
 from daest.cli.main import run
-from daest.diagnosis.black_box import diagnose_black_box
+from daest.diagnosis.without_equations.black_box import diagnose_black_box
 from daest.errors import EstimationError
 from daest.fmu.binary_model import binary_model
 from daest.model.experiment import Experiment
-from daest.systems.local_linear import local_model
-from daest.systems.reduce import dynamics
+from daest.systems.reduction.reduce import dynamics
+from daest.systems.simulation.local_linear import local_model
 
 TIME = np.linspace(0.0, 2.0, 41)
 FORCE = 9.81 + 3.0 * np.sin(3.0 * TIME)

@@ -14,7 +14,7 @@ from cart_data import CART, TRUE, recording, write_recording
 from daest.cli.improve import _compare
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
-from daest.systems.simulate import simulate
+from daest.systems.simulation.simulate import simulate
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "servo_hidden"
 FRICTION, CUBIC = 0.5, 20.0  # N, N/m3

@@ -14,7 +14,7 @@ from test_follow import NOISY
 
 from daest.cli.schema import schema_of
 from daest.errors import EstimationError
-from daest.estimation import change
+from daest.estimation.streaming import change
 
 STEP = 0.05
 

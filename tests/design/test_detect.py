@@ -15,8 +15,8 @@ from daest.design.effects import detect_aim, with_effect
 from daest.design.loads import LEAST, SIZES, Evidence, Loads
 from daest.diagnosis.foreseeable import beside_loads, required
 from daest.model.design import Limits, Range
-from daest.modelica.effects import find_effects
-from daest.modelica.sites import find_site
+from daest.modelica.effects.catalogue import find_effects
+from daest.modelica.places.sites import find_site
 
 PERIOD = 0.05
 LIMITS = Limits((Range("tau", "N.m", -1.2, 1.2),), 12.0, PERIOD, hold="zoh")

@@ -13,8 +13,8 @@ from daest.design.effects import Rival, leaving, rival_aim, with_effect
 from daest.errors import EstimationError
 from daest.model.design import Limits, Range
 from daest.model.experiment import Experiment
-from daest.modelica.effects import find_effects
-from daest.modelica.sites import find_site
+from daest.modelica.effects.catalogue import find_effects
+from daest.modelica.places.sites import find_site
 
 PERIOD = 0.05
 SIZES = {"CoulombFriction": {"tau_c": 0.2}, "ConstantLoad": {"tau_0": 0.2}, "QuadraticDrag": {"k": 0.02}}

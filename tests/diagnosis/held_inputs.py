@@ -11,7 +11,7 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.model.diagnosis import Diagnosis
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 
 PERIOD = 0.1  # of the samples, in the unit in which the model counts time
 

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from daest.diagnosis.null import fit_null
+from daest.diagnosis.evidence.proof import proof_of, searched
+from daest.diagnosis.evidence.stand import begin, without_noises
+from daest.diagnosis.null_model.null import fit_null
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.proof import proof_of, searched
-from daest.diagnosis.screen import run_null
-from daest.diagnosis.stand import begin, without_noises
+from daest.diagnosis.screening.screen import run_null
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library
-from daest.modelica.sites import sites
+from daest.modelica.effects.catalogue import effect_library
+from daest.modelica.places.sites import sites
 
 MODELS = Path(__file__).parent / "models"
 INERTIA, DAMPING, PERIOD, NOISE, SENSOR = 0.5, 0.3, 0.05, 1e-4, 0.005

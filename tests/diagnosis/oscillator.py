@@ -3,7 +3,7 @@
 import numpy as np
 
 from daest.model.experiment import Experiment
-from daest.systems.simulate import simulate
+from daest.systems.simulation.simulate import simulate
 
 OSCILLATOR = """\
 model Oscillator "Mass on a spring"

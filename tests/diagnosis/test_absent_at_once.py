@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from daest.diagnosis.reasons import is_absent_at_once
+from daest.diagnosis.evidence.reasons import is_absent_at_once
 
 
 def fit(value, std_error):

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from daest.diagnosis.absorbed import rescaling_sizes
-from daest.diagnosis.candidates import explicit_at_null, pairs
-from daest.diagnosis.size_slopes import sizes_of
+from daest.diagnosis.screening.absorbed import rescaling_sizes
+from daest.diagnosis.screening.candidates import explicit_at_null, pairs
+from daest.diagnosis.screening.size_slopes import sizes_of
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import find_effect
-from daest.modelica.sites import sites
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.places.sites import sites
 
 PENDULUM = """model Pendulum
   parameter Real J(unit = "kg.m2", min = 0) = 0.06;

@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from daest.diagnosis import candidates
+from daest.diagnosis.screening import candidates
 from daest.errors import ModelError
 
 

@@ -10,7 +10,7 @@ from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 
 ARM = b"""model Arm
   parameter Real k(unit = "N.m/V", min = 0) = 0.8 annotation(__Daest(estimate = true, scale = "log"));

@@ -12,14 +12,14 @@ from scipy.signal import lfilter
 sys.path.insert(0, str(Path(__file__).parents[1] / "fmu"))
 from ball_fmu import ball
 
-from daest.diagnosis import coloured
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.without_equations import coloured
 from daest.fmu.binary_model import binary_model
 from daest.model.diagnosis import Screened
 from daest.model.experiment import Experiment
 from daest.modelica.change import declare
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 from daest.report.documents.diagnose import document
 
 PERIOD, SAMPLES = 0.05, 160

@@ -4,10 +4,10 @@ import pytest
 from hidden_plants import model, rotor_record, some_effects
 
 from daest.diagnosis.changed import diagnose_change
-from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import slowest_load
+from daest.diagnosis.evidence.stand import without_noises
+from daest.diagnosis.null_model.loads import load_sites
+from daest.diagnosis.null_model.null import slowest_load
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.stand import without_noises
 
 SIZE = 0.02
 OPTIONS = DiagnoseOptions(hold="zoh", jobs=1)

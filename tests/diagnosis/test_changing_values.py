@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from hidden_plants import INERTIA, PERIOD, library, model, rotor_record, torque_steps
 
-from daest.diagnosis.candidates import attached
-from daest.diagnosis.changing_values import changing_value
+from daest.diagnosis.answers.changing_values import changing_value
+from daest.diagnosis.evidence.proof import bic_gain
+from daest.diagnosis.evidence.stand import begin, halved
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import refit
+from daest.diagnosis.null_model.null import refit
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.proof import bic_gain
-from daest.diagnosis.screen import run_null
-from daest.diagnosis.stand import begin, halved
+from daest.diagnosis.screening.candidates import attached
+from daest.diagnosis.screening.screen import run_null
 from daest.model.diagnosis import Candidate
-from daest.modelica.sites import sites
-from daest.systems.reduce import reduce_index
+from daest.modelica.places.sites import sites
+from daest.systems.reduction.reduce import reduce_index
 
 DAMPING = 0.3
 N = 800

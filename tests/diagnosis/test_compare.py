@@ -10,19 +10,19 @@ import pytest
 from oscillator import OSCILLATOR, record
 from scipy.integrate import solve_ivp
 
-from daest.diagnosis.affine_trial import affine_model, affine_trial
-from daest.diagnosis.compare import compare_models
-from daest.diagnosis.trial import Candidate
+from daest.diagnosis.comparison.affine_trial import affine_model, affine_trial
+from daest.diagnosis.comparison.compare import compare_models
+from daest.diagnosis.comparison.trial import Candidate
+from daest.estimation.fitting.records import part_of
 from daest.estimation.identify import identify
-from daest.estimation.records import part_of
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.model.flat import FlatModel
 from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
 from daest.modelica.change import with_values
 from daest.modelica.compile import compile_model, compile_text
-from daest.systems.reduce import reduce_index
-from daest.systems.simulate import simulate
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.simulate import simulate
 
 TIME_CONSTANT, GAIN, START, PERIOD = 0.5, 2.0, 0.7, 0.05
 
@@ -311,7 +311,7 @@ HEATED = Path(__file__).parents[1] / "systems" / "models" / "HeatedServo.mo"
 
 
 def test_lost_power_is_no_reason_to_leave_the_exact_way(monkeypatch):
-    monkeypatch.delattr("daest.diagnosis.compare.nonlinear_trial")
+    monkeypatch.delattr("daest.diagnosis.comparison.compare.nonlinear_trial")
     flat = compile_model(HEATED, "HeatedServo.Circuit")
     time = 0.01 * np.arange(300)
     u = np.sign(np.sin(7.0 * time + 0.1))

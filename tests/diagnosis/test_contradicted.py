@@ -10,14 +10,14 @@ from oscillator import OSCILLATOR, record
 
 from daest.data import contradictions as recorded
 from daest.data.contradictions import Contradiction, Exchange, contradictions, exchanges
-from daest.diagnosis import contradicted as module
-from daest.diagnosis.contradicted import contradicted
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.improve import improve
+from daest.diagnosis.recordings import contradicted as module
+from daest.diagnosis.recordings.contradicted import contradicted
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 from daest.numerics.deadline import check
-from daest.systems.simulate import simulate
+from daest.systems.simulation.simulate import simulate
 
 Y, V = 0, 1
 

@@ -8,21 +8,21 @@ import pytest
 from scipy.integrate import solve_ivp
 from test_bent_models import ARM
 
-from daest.diagnosis.candidates import attached, pairs, with_shapes
-from daest.diagnosis.chosen import chosen_candidates
-from daest.diagnosis.compare import follower
-from daest.diagnosis.dead_times import best_shift, shifted_back
+from daest.diagnosis.built_in.chosen import chosen_candidates
+from daest.diagnosis.built_in.dead_times import best_shift, shifted_back
+from daest.diagnosis.comparison.compare import follower
+from daest.diagnosis.comparison.trial import Candidate
 from daest.diagnosis.diagnose import diagnose
-from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import fit_null
+from daest.diagnosis.null_model.loads import load_sites
+from daest.diagnosis.null_model.null import fit_null
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.trial import Candidate
+from daest.diagnosis.screening.candidates import attached, pairs, with_shapes
 from daest.model.effects import Site
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library
-from daest.modelica.sites import sites
+from daest.modelica.effects.catalogue import effect_library
+from daest.modelica.places.sites import sites
 
 PERIOD, TRUE = 0.04, {"k": 0.8, "d": 0.3}
 

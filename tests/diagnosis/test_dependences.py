@@ -9,11 +9,11 @@ from hidden_plants import library, model
 from scipy.integrate import solve_ivp
 from test_proof import proved
 
-from daest.diagnosis.dependences import dependence_screen, dependences, refused_where_errors_last
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.evidence.stand import begin, halved
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.screen import run_null
-from daest.diagnosis.stand import begin, halved
+from daest.diagnosis.refits.dependences import dependence_screen, dependences, refused_where_errors_last
+from daest.diagnosis.screening.screen import run_null
 from daest.model.effects import Site
 from daest.model.experiment import Experiment
 
@@ -82,7 +82,7 @@ def test_a_dependence_is_named_where_no_law_of_the_library_leaves_as_little():
 @pytest.mark.parametrize(("lasts", "is_kept"), [(True, False), (False, True)])
 def test_a_dependence_that_leaves_errors_that_last_comes_near_alone(monkeypatch, lasts, is_kept):
     """Beside friction and a lag that are seen only together, a stiffness that goes with the speed."""
-    monkeypatch.setattr("daest.diagnosis.dependences.errors_last", lambda proof: lasts)
+    monkeypatch.setattr("daest.diagnosis.refits.dependences.errors_last", lambda proof: lasts)
     _, friction = proved()
     changing = replace(friction, candidate=replace(friction.candidate, site=Site("J", "parameter", "signal")))
     kept, other = refused_where_errors_last([changing, friction])

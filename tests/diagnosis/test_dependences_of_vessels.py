@@ -8,8 +8,8 @@ from hidden_plants import library, model
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.evidence.ranking import is_same_load
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.ranking import is_same_load
 from daest.model.experiment import Experiment
 
 PERIOD, N, NOISE = 10.0, 900, 0.05

@@ -19,27 +19,27 @@ from hidden_plants import (
 )
 from scipy.signal import cont2discrete, dlsim, tf2ss
 
-from daest.diagnosis import attempts, in_use
-from daest.diagnosis import search as search_module
-from daest.diagnosis import stages as stages_module
-from daest.diagnosis.attempts import proof_by_attempts
-from daest.diagnosis.chosen import _is_new_signal
+from daest.diagnosis.built_in.chosen import _is_new_signal
+from daest.diagnosis.built_in.trials import Prepared
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.examine import _told_by_rest
-from daest.diagnosis.holds import says_more, unsettled_hold
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.rivals import _without_unseen_scales
-from daest.diagnosis.search import Search
-from daest.diagnosis.stages import Stages
-from daest.diagnosis.trials import Prepared
+from daest.diagnosis.recordings.holds import says_more, unsettled_hold
+from daest.diagnosis.refits import attempts, in_use
+from daest.diagnosis.refits import search as search_module
+from daest.diagnosis.refits import stages as stages_module
+from daest.diagnosis.refits.attempts import proof_by_attempts
+from daest.diagnosis.refits.rivals import _without_unseen_scales
+from daest.diagnosis.refits.search import Search
+from daest.diagnosis.refits.stages import Stages
 from daest.errors import EstimationError
-from daest.estimation.records import part_of
+from daest.estimation.fitting.records import part_of
 from daest.model.diagnosis import Candidate, FreeForm
 from daest.model.experiment import Experiment
-from daest.modelica.attach import attach
-from daest.modelica.effects import find_effect
-from daest.modelica.sites import sites
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.places.sites import sites
 from daest.report.diagnosis_figures import diagnosis_figure
 
 STATIC = (
@@ -189,7 +189,7 @@ def test_law_goes_on_without_a_scale_that_the_recordings_do_not_show(monkeypatch
     fit = replace(null.fit, parameters=tuple(fitted))
     proof = SimpleNamespace(candidate=candidate, flat=flat, fit=fit, told=fit)
     found = {name: (values[name], 0.01) for name in unseen}
-    monkeypatch.setattr("daest.diagnosis.rivals.unseen_scales", lambda *_: found)
+    monkeypatch.setattr("daest.diagnosis.refits.rivals.unseen_scales", lambda *_: found)
     assert _without_unseen_scales(null, proof) == held
 
 
@@ -409,7 +409,7 @@ def test_unknown_effect_is_told_over_what_the_nearest_wrong_law_leaves():
 
 
 def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted(monkeypatch):
-    monkeypatch.setattr("daest.diagnosis.holds.are_alike", lambda _: False)
+    monkeypatch.setattr("daest.diagnosis.recordings.holds.are_alike", lambda _: False)
     stand = SimpleNamespace(
         null=SimpleNamespace(hold="foh", other_hold="zoh", hold_lead=20.0),
         baseline=SimpleNamespace(log_likelihood=100.0),

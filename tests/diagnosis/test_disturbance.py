@@ -5,9 +5,9 @@ from functools import cache
 import numpy as np
 from hidden_plants import quiet, rotor_null, rotor_record
 
-from daest.diagnosis.disturbance import place_gains, smoothed_load
-from daest.diagnosis.null import with_noise
-from daest.diagnosis.screen import run_null
+from daest.diagnosis.null_model.null import with_noise
+from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
+from daest.diagnosis.screening.screen import run_null
 
 
 @cache

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from daest.diagnosis import elsewhere
-from daest.diagnosis.elsewhere import is_apart, led_elsewhere
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.refits import elsewhere
+from daest.diagnosis.refits.elsewhere import is_apart, led_elsewhere
 
 BESIDE_LOADS = {"tm": 3.4, "dw": 0.3, "load.T": 1.5}  # lag and body have changed places
 ALONE = {"tm": 0.045, "dw": 0.004}

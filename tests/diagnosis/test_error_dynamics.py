@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from hidden_plants import model, rotor_record
 
-from daest.diagnosis.error_dynamics import average_dynamics, dynamics_along
+from daest.diagnosis.evidence.stand import begin
+from daest.diagnosis.null_model.error_dynamics import average_dynamics, dynamics_along
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.screen import run_null
-from daest.diagnosis.stand import begin
-from daest.estimation.observer import average_model
+from daest.diagnosis.screening.screen import run_null
+from daest.estimation.nonlinear.observer import average_model
 from daest.model.experiment import Experiment
-from daest.modelica.attach import attach
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library
-from daest.modelica.sites import sites
-from daest.systems.integrate import integrate, integrator
-from daest.systems.integration import Correction
-from daest.systems.reduce import reduce_index
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import effect_library
+from daest.modelica.places.sites import sites
+from daest.systems.events.integration import Correction
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import integrate, integrator
 
 PUSH = 1e-5  # N.m
 

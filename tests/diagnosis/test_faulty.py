@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from daest.diagnosis.faulty import EMPTY, faults_beside, faults_counted, faults_in_errors, faults_told
+from daest.diagnosis.recordings.faulty import (
+    EMPTY,
+    faults_beside,
+    faults_counted,
+    faults_in_errors,
+    faults_told,
+)
 from daest.model.experiment import Experiment
 
 TIME = 0.01 * np.arange(2000)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from daest.diagnosis.formulas import formula
+from daest.diagnosis.answers.formulas import formula
 from daest.model.diagnosis import Curve
 
 SPEEDS = np.array([-9.0, -6.0, -3.5, -1.5, -0.1, 0.1, 1.2, 3.0, 5.0, 8.0])

@@ -8,13 +8,13 @@ import pytest
 from hidden_plants import PERIOD, model, quiet, rotor_null, rotor_record, some_effects
 from scipy.stats import kstest
 
-from daest.diagnosis.candidates import pairs
-from daest.diagnosis.free_forms import _basis, forms_of, free_forms, internal_variables, keep_forms
-from daest.diagnosis.null import fit_null
-from daest.diagnosis.screen import run_null
-from daest.diagnosis.stand import without_noises
-from daest.modelica.attach import attach
-from daest.modelica.sites import sites
+from daest.diagnosis.evidence.stand import without_noises
+from daest.diagnosis.null_model.null import fit_null
+from daest.diagnosis.screening.candidates import pairs
+from daest.diagnosis.screening.free_forms import _basis, forms_of, free_forms, internal_variables, keep_forms
+from daest.diagnosis.screening.screen import run_null
+from daest.modelica.effects.attach import attach
+from daest.modelica.places.sites import sites
 
 
 @cache

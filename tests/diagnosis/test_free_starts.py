@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from daest.diagnosis.free_starts import _searched_start
+from daest.diagnosis.evidence.free_starts import _searched_start
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
-from daest.systems.integrate import integrator
-from daest.systems.reduce import reduce_index
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import integrator
 
 ROOT = b"""
 model Outlet "an outlet of an empty tank: its root has no slope"

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from daest.diagnosis.candidates import attachable, keeping_order, pairs
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.screening.candidates import attachable, keeping_order, pairs
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model, compile_text
-from daest.modelica.effects import effect_library, find_effect
-from daest.modelica.extend import extend_model
-from daest.modelica.sites import find_site, sites
-from daest.systems.reduce import reduce_index
-from daest.systems.simulate import simulate
+from daest.modelica.effects.catalogue import effect_library, find_effect
+from daest.modelica.effects.extend import extend_model
+from daest.modelica.places.sites import find_site, sites
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.simulate import simulate
 
 CELL = """\
 model Cell

@@ -10,16 +10,16 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis import diagnose as diagnosing
-from daest.diagnosis import held_back as holding_back
 from daest.diagnosis import improve as improving
 from daest.diagnosis.diagnose import diagnose
-from daest.diagnosis.held_back import lags_in_the_way
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.refits import held_back as holding_back
+from daest.diagnosis.refits.held_back import lags_in_the_way
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FittedNoise, FittedParameter
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 
 AXIS = """model Axis "An axis on a linear motor"
   parameter Real m(unit = "kg", min = 0) = 10 annotation(__Daest(estimate = true));

@@ -9,20 +9,20 @@ import pytest
 from hidden_plants import some_effects
 from scipy.integrate import solve_ivp
 
-from daest.diagnosis import screen as screen_module
 from daest.diagnosis.diagnose import diagnose
-from daest.diagnosis.disturbance import place_gains
-from daest.diagnosis.null import falls_over, with_noise
+from daest.diagnosis.evidence.stand import begin, halved
+from daest.diagnosis.null_model.null import falls_over, with_noise
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.screen import run_null
-from daest.diagnosis.stand import begin, halved
+from daest.diagnosis.screening import screen as screen_module
+from daest.diagnosis.screening.disturbance import place_gains
+from daest.diagnosis.screening.screen import run_null
 from daest.errors import NumericalError
-from daest.estimation.records import part_of
+from daest.estimation.fitting.records import part_of
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 from daest.numerics.statistics import whiteness_p_value
-from daest.systems.reduce import reduce_index
-from daest.systems.simulate import simulate
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.simulate import simulate
 
 UPRIGHT = """model Upright
   parameter Real J(unit = "kg.m2", min = 0) = 0.05 annotation(__Daest(estimate = true));

@@ -9,13 +9,13 @@ import pytest
 from hidden_plants import INERTIA, NOISE, model, rotor_record
 
 from daest.diagnosis import examine as examine_module
-from daest.diagnosis import held_values as held_values_module
-from daest.diagnosis import screen as screen_module
+from daest.diagnosis.answers import held_values as held_values_module
+from daest.diagnosis.answers.held_values import OtherValue, other_value
+from daest.diagnosis.evidence.stand import begin, halved
 from daest.diagnosis.examine import _with_values
-from daest.diagnosis.held_values import OtherValue, other_value
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.screen import run_null, value_scores
-from daest.diagnosis.stand import begin, halved
+from daest.diagnosis.screening import screen as screen_module
+from daest.diagnosis.screening.screen import run_null, value_scores
 from daest.model.fit import FittedParameter
 
 
@@ -106,7 +106,8 @@ def test_values_that_do_the_same_are_told_together(monkeypatch):
     twice = value_scores(stand.null, run, ["J", "J"])
     assert [one.alike for one in twice] == [("J",), ("J",)]
     monkeypatch.setattr(
-        "daest.diagnosis.held_values.value_scores", lambda *_: [replace(twice[0], alike=("m", "rotor.J"))]
+        "daest.diagnosis.answers.held_values.value_scores",
+        lambda *_: [replace(twice[0], alike=("m", "rotor.J"))],
     )
     assert other_value(stand, run).text.endswith(" (or of `m` or `rotor.J`, which the sensors see alike)")
 

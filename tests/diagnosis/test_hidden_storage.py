@@ -11,7 +11,7 @@ from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 
 ROOM = """model Room
   parameter Real C(unit = "W.s/K", min = 0) = 3e5 annotation(__Daest(estimate = true, scale = "log"));

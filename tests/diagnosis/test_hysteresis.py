@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daest.diagnosis.candidates import attached, pairs
 from daest.diagnosis.diagnose import diagnose
-from daest.diagnosis.grown_states import brought_rows, with_integrals
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.screening.candidates import attached, pairs
+from daest.diagnosis.screening.grown_states import brought_rows, with_integrals
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library, find_effect
-from daest.modelica.sites import find_site
-from daest.systems.reduce import reduce_index
+from daest.modelica.effects.catalogue import effect_library, find_effect
+from daest.modelica.places.sites import find_site
+from daest.systems.reduction.reduce import reduce_index
 
 MODEL = """model Rig
   parameter Real m(unit = "kg", min = 0) = 2.2 annotation(__Daest(estimate = true));

@@ -9,17 +9,17 @@ import pytest
 from hidden_plants import library, model, prove, rubbing, some_effects
 
 from daest.diagnosis import improve as improving
-from daest.diagnosis import rounds as refitting
-from daest.diagnosis.candidates import pairs
-from daest.diagnosis.disturbance import place_gains, smoothed_load
+from daest.diagnosis.built_in.trials import Trial, prepare, with_kinks_bounded
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.rounds import proved_again
-from daest.diagnosis.screen import run_null
-from daest.diagnosis.trials import Trial, prepare, with_kinks_bounded
+from daest.diagnosis.refits import rounds as refitting
+from daest.diagnosis.refits.rounds import proved_again
+from daest.diagnosis.screening.candidates import pairs
+from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
+from daest.diagnosis.screening.screen import run_null
 from daest.errors import EstimationError
 from daest.model.diagnosis import Ahead, Diagnosis, Screen, Step
 from daest.model.fit import Agreement
-from daest.modelica.sites import sites
+from daest.modelica.places.sites import sites
 
 
 @cache

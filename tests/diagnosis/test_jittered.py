@@ -7,12 +7,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis.diagnose import diagnose
-from daest.diagnosis.jittered import TRUE_TIMES
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.recordings.jittered import TRUE_TIMES
 from daest.model.diagnosis import Diagnosis
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 
 PENDULUM = """model Pendulum
   parameter Real c(unit = "N.m/rad", min = 0) = 20 annotation(__Daest(estimate = true));

@@ -1,10 +1,10 @@
 """Effects with states of their own are screened where the model has these states already."""
 
-from daest.diagnosis.candidates import keeping_order, pairs
+from daest.diagnosis.screening.candidates import keeping_order, pairs
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import find_effect
-from daest.modelica.sites import sites
-from daest.systems.reduce import reduce_index
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.places.sites import sites
+from daest.systems.reduction.reduce import reduce_index
 
 CIRCUIT = """model Circuit
   Daest.Blocks.Interfaces.RealInput u(unit = "V");

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 from hidden_plants import model, rubbing, some_effects
 
-from daest.diagnosis.candidates import pairs
+from daest.diagnosis.built_in.trials import Trial, prepare
 from daest.diagnosis.kept import KeptProofs
-from daest.diagnosis.trials import Trial, prepare
+from daest.diagnosis.screening.candidates import pairs
 from daest.model.diagnosis import Proof
-from daest.modelica.sites import sites
+from daest.modelica.places.sites import sites
 
 
 @contextmanager

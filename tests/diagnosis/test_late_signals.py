@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from daest.diagnosis import course
-from daest.diagnosis.candidates import pairs
+from daest.diagnosis.built_in.late_signals import _chosen, late_responses, late_signals
+from daest.diagnosis.built_in.trials import Trial
 from daest.diagnosis.diagnose import diagnose
-from daest.diagnosis.late_signals import _chosen, late_responses, late_signals
-from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import fit_null
+from daest.diagnosis.null_model.loads import load_sites
+from daest.diagnosis.null_model.null import fit_null
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.screen import run_null
-from daest.diagnosis.trials import Trial
+from daest.diagnosis.refits import course
+from daest.diagnosis.screening.candidates import pairs
+from daest.diagnosis.screening.screen import run_null
 from daest.model.diagnosis import Screen, Screened
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library, find_effect
-from daest.modelica.sites import sites
+from daest.modelica.effects.catalogue import effect_library, find_effect
+from daest.modelica.places.sites import sites
 
 ROOM = b"""model Room
   parameter Real C(unit = "J/K", min = 0) = 1e6 annotation(__Daest(estimate = true, scale = "log"));

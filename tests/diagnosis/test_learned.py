@@ -9,20 +9,27 @@ import numpy as np
 import pytest
 from hidden_plants import MODELS, library, model, rotor_record
 
-from daest.diagnosis import learned
-from daest.diagnosis.free_forms import free_forms
-from daest.diagnosis.learned import _no_better, learned_load, load_sign, said, with_curve, with_formula
-from daest.diagnosis.loads import load_places
+from daest.diagnosis.answers import learned
+from daest.diagnosis.answers.learned import (
+    _no_better,
+    learned_load,
+    load_sign,
+    said,
+    with_curve,
+    with_formula,
+)
+from daest.diagnosis.answers.written import simulated_rms, written_load
+from daest.diagnosis.evidence.stand import begin, without_noises
+from daest.diagnosis.null_model.loads import load_places
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.screen import run_null
-from daest.diagnosis.stand import begin, without_noises
-from daest.diagnosis.written import simulated_rms, written_load
+from daest.diagnosis.screening.free_forms import free_forms
+from daest.diagnosis.screening.screen import run_null
 from daest.errors import EstimationError
 from daest.model.diagnosis import Curve
-from daest.modelica.attach import attach
 from daest.modelica.compile import compile_text
-from daest.modelica.sites import sites
-from daest.systems.reduce import reduce_index
+from daest.modelica.effects.attach import attach
+from daest.modelica.places.sites import sites
+from daest.systems.reduction.reduce import reduce_index
 
 
 def friction(phi):

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from daest.diagnosis.candidates import pairs
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.evidence.stand import begin
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.stand import begin
+from daest.diagnosis.screening.candidates import pairs
 from daest.model.experiment import Experiment
-from daest.modelica.attach import attach
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library, find_effect
-from daest.modelica.place_units import units_at
-from daest.modelica.sites import sites
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import effect_library, find_effect
+from daest.modelica.places.place_units import units_at
+from daest.modelica.places.sites import sites
 
 TANK = b"""model Tank
   parameter Real k(unit = "m2/s", min = 0) = 1e-4 annotation(__Daest(estimate = true, scale = "log"));

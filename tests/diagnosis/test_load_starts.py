@@ -7,18 +7,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from daest.diagnosis import load_starts, noise_level, verdict
+from daest.diagnosis.answers import verdict
 from daest.diagnosis.diagnose import diagnose
-from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import fit_null
-from daest.diagnosis.stand import without_noises
+from daest.diagnosis.evidence import load_starts, noise_level
+from daest.diagnosis.evidence.stand import without_noises
+from daest.diagnosis.null_model.loads import load_sites
+from daest.diagnosis.null_model.null import fit_null
 from daest.estimation.identify import identify
 from daest.model.diagnosis import Diagnosis
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.model.holds import FOH
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 
 HEATER = """model Heater
   parameter Real C(unit = "J/K", min = 0) = 8 annotation(__Daest(estimate = true));

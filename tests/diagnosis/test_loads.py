@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from hidden_plants import model
 
-from daest.diagnosis.loads import load_places, load_sites, with_loads
-from daest.diagnosis.null import pinned
-from daest.diagnosis.stand import without_noises
-from daest.modelica.attach import attach
-from daest.modelica.clock import clock_unit
+from daest.diagnosis.evidence.stand import without_noises
+from daest.diagnosis.null_model.loads import load_places, load_sites, with_loads
+from daest.diagnosis.null_model.null import pinned
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import find_effect
-from daest.modelica.sites import find_site, sites
-from daest.systems.reduce import reduce_index
-from daest.systems.state_space import state_space, state_space_family
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.flat.clock import clock_unit
+from daest.modelica.places.sites import find_site, sites
+from daest.systems.linear.state_space import state_space, state_space_family
+from daest.systems.reduction.reduce import reduce_index
 
 
 def places_of(name, **options):

@@ -7,8 +7,8 @@ import pytest
 import daest
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
-from daest.estimation.records import part_of
-from daest.modelica.effects import effect_library
+from daest.estimation.fitting.records import part_of
+from daest.modelica.effects.catalogue import effect_library
 
 MODELS = Path(__file__).parent / "models"
 COUNTER = "pulley_speed_abs_ticks_per_s"

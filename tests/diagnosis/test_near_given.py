@@ -6,14 +6,14 @@ from typing import Any, cast
 
 import pytest
 
-from daest.diagnosis import course as course_module
-from daest.diagnosis import near_given
-from daest.diagnosis import null as null_module
-from daest.diagnosis.course import Course
-from daest.diagnosis.near_given import fit_near_given
-from daest.diagnosis.null import are_driven_off
+from daest.diagnosis.evidence import near_given
+from daest.diagnosis.evidence.near_given import fit_near_given
+from daest.diagnosis.evidence.proof import Reference
+from daest.diagnosis.null_model import null as null_module
+from daest.diagnosis.null_model.null import are_driven_off
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.proof import Reference
+from daest.diagnosis.refits import course as course_module
+from daest.diagnosis.refits.course import Course
 from daest.errors import EstimationError
 from daest.model.parts import Parameter
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from daest.design.effects import with_effect
-from daest.diagnosis.next_experiment import Asked, _both_ways, computed
+from daest.diagnosis.answers.next_experiment import Asked, _both_ways, computed
 from daest.model.design import Range
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import find_effects
-from daest.modelica.sites import find_site
+from daest.modelica.effects.catalogue import find_effects
+from daest.modelica.places.sites import find_site
 
 ROTOR = Path(__file__).resolve().parents[1] / "design" / "models" / "Rotor.mo"
 OTHERWISE = "Shake it."

@@ -10,15 +10,17 @@ import pytest
 from hidden_plants import library, model, quiet, rotor_null, rotor_record, rubbing, some_effects
 
 from daest.data.prepare import resample
-from daest.diagnosis import null as nulls
-from daest.diagnosis import stand as stands
-from daest.diagnosis.compare import compare_models
+from daest.diagnosis.comparison.compare import compare_models
+from daest.diagnosis.comparison.trial import Candidate
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.evidence import stand as stands
+from daest.diagnosis.evidence.proof import Reference
+from daest.diagnosis.evidence.stand import begin, without_noises
 from daest.diagnosis.examine import examine
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.holds import better_hold
-from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import (
+from daest.diagnosis.null_model import null as nulls
+from daest.diagnosis.null_model.loads import load_sites
+from daest.diagnosis.null_model.null import (
     fit_null,
     known_values,
     near_given,
@@ -28,19 +30,17 @@ from daest.diagnosis.null import (
     with_other_hold,
 )
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.proof import Reference
-from daest.diagnosis.stand import begin, without_noises
-from daest.diagnosis.trial import Candidate
+from daest.diagnosis.recordings.holds import better_hold
 from daest.errors import EstimationError, ModelError
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, IdentifyOptions
 from daest.model.parts import Prior
-from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model, compile_text
-from daest.modelica.sites import sites
-from daest.systems.integrate import integrate, integrator
-from daest.systems.reduce import reduce_index
+from daest.modelica.effects.attach import attach
+from daest.modelica.places.sites import sites
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import integrate, integrator
 
 
 @cache

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from daest.diagnosis.diagnose import diagnose
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 
 N_SAMPLES, PERIOD = 400, 0.05
 PUMP = b"""

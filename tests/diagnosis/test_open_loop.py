@@ -9,11 +9,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from daest.diagnosis.examine import _said_of_inputs
-from daest.diagnosis.gates import GATES
-from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import fit_null
-from daest.diagnosis.open_loop import (
+from daest.diagnosis.evidence.open_loop import (
     Simulated,
     _certainty,
     _independent,
@@ -26,7 +22,11 @@ from daest.diagnosis.open_loop import (
     says_more_in_use,
     speaks_for,
 )
-from daest.diagnosis.reasons import undriven
+from daest.diagnosis.evidence.reasons import undriven
+from daest.diagnosis.examine import _said_of_inputs
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.null_model.loads import load_sites
+from daest.diagnosis.null_model.null import fit_null
 from daest.model.diagnosis import InUse
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FittedNoise

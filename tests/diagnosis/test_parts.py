@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import pytest
 from hidden_plants import library, model, rotor_null, rotor_record, some_effects
 
-from daest.diagnosis.candidates import pairs
-from daest.diagnosis.null import refitted
-from daest.diagnosis.parts import parts_of
-from daest.diagnosis.trials import Trial, prepare
-from daest.modelica.sites import sites
+from daest.diagnosis.answers.parts import parts_of
+from daest.diagnosis.built_in.trials import Trial, prepare
+from daest.diagnosis.null_model.null import refitted
+from daest.diagnosis.screening.candidates import pairs
+from daest.modelica.places.sites import sites
 
 FRICTION = 0.12  # N.m
 

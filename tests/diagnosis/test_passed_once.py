@@ -6,14 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from daest.diagnosis.candidates import pairs
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.passed_once import PASSED_ONCE, back_on_their_way
+from daest.diagnosis.screening.candidates import pairs
+from daest.diagnosis.screening.passed_once import PASSED_ONCE, back_on_their_way
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library
-from daest.modelica.sites import sites
+from daest.modelica.effects.catalogue import effect_library
+from daest.modelica.places.sites import sites
 
 DRUM = """model Drum "Coasts down"
   parameter Real m(unit = "kg") = 24;

@@ -10,10 +10,10 @@ import pytest
 from hidden_plants import model, some_effects
 
 import daest
-from daest.diagnosis import reasons
-from daest.diagnosis.candidates import most_likely_length, most_likely_periods, pairs, with_shapes
-from daest.modelica.sites import sites
-from daest.systems.reduce import reduce_index
+from daest.diagnosis.evidence import reasons
+from daest.diagnosis.screening.candidates import most_likely_length, most_likely_periods, pairs, with_shapes
+from daest.modelica.places.sites import sites
+from daest.systems.reduction.reduce import reduce_index
 
 
 @pytest.mark.parametrize("n", [2, 7, 20, 36])

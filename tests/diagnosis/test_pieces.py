@@ -8,26 +8,26 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from daest.diagnosis import course as course_module
-from daest.diagnosis import free_starts
-from daest.diagnosis.beside_starts import Started
-from daest.diagnosis.candidates import keeping_order, pairs
-from daest.diagnosis.course import Course
-from daest.diagnosis.in_use import proof_in_open_loop, tried_in_open_loop
-from daest.diagnosis.open_loop import Simulated, in_use, open_screen
+from daest.diagnosis.answers.verdict import nearest_in_pieces
+from daest.diagnosis.built_in.trials import prepare, trials
+from daest.diagnosis.evidence import free_starts
+from daest.diagnosis.evidence.beside_starts import Started
+from daest.diagnosis.evidence.open_loop import Simulated, in_use, open_screen
+from daest.diagnosis.evidence.pieces import FEWEST_PIECES, in_pieces
+from daest.diagnosis.evidence.stand import begin
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.pieces import FEWEST_PIECES, in_pieces
-from daest.diagnosis.screen import run_null
-from daest.diagnosis.search import Search
-from daest.diagnosis.stand import begin
-from daest.diagnosis.trials import prepare, trials
-from daest.diagnosis.verdict import nearest_in_pieces
+from daest.diagnosis.refits import course as course_module
+from daest.diagnosis.refits.course import Course
+from daest.diagnosis.refits.in_use import proof_in_open_loop, tried_in_open_loop
+from daest.diagnosis.refits.search import Search
+from daest.diagnosis.screening.candidates import keeping_order, pairs
+from daest.diagnosis.screening.screen import run_null
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import find_effect
-from daest.modelica.sites import sites
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.places.sites import sites
 from daest.numerics.deadline import OutOfTimeError
-from daest.systems.integrate import integrator
+from daest.systems.simulation.integrate import integrator
 
 CART = b"""model Cart
   parameter Real m(unit = "kg", min = 0) = 2;

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from daest.diagnosis import reasons
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.evidence import reasons
 from daest.diagnosis.options import DiagnoseOptions
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 
 MOTOR = """model Motor
   parameter Real J(unit = "kg.m2", min = 0) = 0.3;

@@ -9,23 +9,24 @@ import numpy as np
 import pytest
 from hidden_plants import library, model, prove, quiet, rotor_record, rubbing, some_effects
 
-from daest.diagnosis import holds as holding
-from daest.diagnosis import proof as proving
-from daest.diagnosis import reasons
-from daest.diagnosis import settled as settling
-from daest.diagnosis.candidates import pairs
-from daest.diagnosis.certainty import certainty_of, known_products
-from daest.diagnosis.clipping import Clip, clips_of, with_clipped_sensors
-from daest.diagnosis.course import _possible, _with_better_kinks, _with_second_tries
-from daest.diagnosis.disturbance import place_gains, smoothed_load
-from daest.diagnosis.free_forms import covers, free_forms
-from daest.diagnosis.free_starts import steady_misfit
-from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import grown
-from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.proof import _is_much_left, with_steady_error
-from daest.diagnosis.ranking import _ends_in_a_simpler_law, best_accepted, least_hope, ranked
-from daest.diagnosis.reasons import (
+from daest.diagnosis.built_in import settled as settling
+from daest.diagnosis.built_in.certainty import certainty_of, known_products
+from daest.diagnosis.built_in.settled import settled
+from daest.diagnosis.built_in.trials import (
+    Trial,
+    _inside,
+    at_full_size,
+    clipping_trials,
+    from_simulation,
+    prepare,
+    trials,
+)
+from daest.diagnosis.evidence import proof as proving
+from daest.diagnosis.evidence import reasons
+from daest.diagnosis.evidence.free_starts import steady_misfit
+from daest.diagnosis.evidence.proof import _is_much_left, with_steady_error
+from daest.diagnosis.evidence.ranking import _ends_in_a_simpler_law, best_accepted, least_hope, ranked
+from daest.diagnosis.evidence.reasons import (
     NOT_SIGNIFICANT,
     _tells_otherwise,
     beyond_recordings,
@@ -44,26 +45,25 @@ from daest.diagnosis.reasons import (
     without_evidence,
     wrong_law,
 )
-from daest.diagnosis.screen import law_response, run_null, screen
-from daest.diagnosis.settled import settled
-from daest.diagnosis.stand import begin, reference_of
-from daest.diagnosis.trials import (
-    Trial,
-    _inside,
-    at_full_size,
-    clipping_trials,
-    from_simulation,
-    prepare,
-    trials,
-)
+from daest.diagnosis.evidence.stand import begin, reference_of
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.null_model.null import grown
+from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.recordings import holds as holding
+from daest.diagnosis.refits.course import _possible, _with_better_kinks, _with_second_tries
+from daest.diagnosis.screening.candidates import pairs
+from daest.diagnosis.screening.clipping import Clip, clips_of, with_clipped_sensors
+from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
+from daest.diagnosis.screening.free_forms import covers, free_forms
+from daest.diagnosis.screening.screen import law_response, run_null, screen
 from daest.model.diagnosis import Ahead, Candidate, Confirmed, FreeForm, InUse, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, Choice, error_ratios
-from daest.modelica.attach import attach
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import find_effect
-from daest.modelica.sites import sites
-from daest.systems.reduce import reduce_index
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.places.sites import sites
+from daest.systems.reduction.reduce import reduce_index
 
 
 @cache
@@ -343,7 +343,7 @@ def test_search_that_came_to_its_limit_goes_on(monkeypatch):
         fit = replace(first.fit, status="iteration limit", log_likelihood=value)
         return SimpleNamespace(fit=fit, simulated=lambda validation: fit)
 
-    monkeypatch.setattr("daest.diagnosis.proof.refitted", short)
+    monkeypatch.setattr("daest.diagnosis.evidence.proof.refitted", short)
     run = run_null(stand.null)
     proof = prove(stand.null, stand.baseline, prepared, stand.null.experiments, stand.validation, run, None)
     assert len(asked) == 3, "as long as it gains"
@@ -1833,7 +1833,7 @@ def test_as_much_as_chance_finds_is_no_proof(monkeypatch):
     stand, (prepared, _) = rubbing(), proved()
     run = run_null(stand.null)
     # What is refused before anything is asked of the loads needs no observer.
-    monkeypatch.delattr("daest.diagnosis.proof.run_null")
+    monkeypatch.delattr("daest.diagnosis.evidence.proof.run_null")
     proof = prove(
         stand.null, stand.baseline, prepared, stand.null.experiments, stand.validation, run, None,
         n_screened=10**80,

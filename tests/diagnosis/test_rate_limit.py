@@ -12,7 +12,7 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.model.diagnosis import Diagnosis
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 
 EFFECTS = ("RateLimit", "Lag", "Delay", "CoulombFriction", "Saturation")
 DT, FINE = 0.02, 50

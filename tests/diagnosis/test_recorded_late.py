@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from oscillator import OSCILLATOR, record
 
-from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import fit_null
-from daest.diagnosis.recorded_late import (
+from daest.diagnosis.evidence.stand import without_noises
+from daest.diagnosis.null_model.loads import load_sites
+from daest.diagnosis.null_model.null import fit_null
+from daest.diagnosis.recordings.recorded_late import (
     EarlierInputs,
     ahead,
     earlier_inputs,
     gain_of_earlier_inputs,
     simulates_better,
 )
-from daest.diagnosis.stand import without_noises
 from daest.modelica.compile import compile_text
 
 
@@ -76,7 +76,7 @@ def test_inputs_are_late_only_where_simulations_are_better_for_it(case, straight
 def test_inputs_are_late_where_that_is_clearly_likelier(straight, monkeypatch, gain, told):
     likelihood = straight.fit.log_likelihood + gain
     end = SimpleNamespace(fit=replace(straight.fit, log_likelihood=likelihood))
-    monkeypatch.setattr("daest.diagnosis.recorded_late.refitted", lambda *_, **__: end)
+    monkeypatch.setattr("daest.diagnosis.recordings.recorded_late.refitted", lambda *_, **__: end)
     assert gain_of_earlier_inputs(straight) == pytest.approx(told)
 
 

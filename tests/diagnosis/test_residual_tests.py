@@ -7,10 +7,10 @@ import pytest
 from oscillator import OSCILLATOR, record
 from scipy.stats import beta, binom, chi2
 
-from daest.diagnosis.compare import compare_models
+from daest.diagnosis.comparison.compare import compare_models
+from daest.diagnosis.comparison.residual_tests import RawTest, joined, judged, residual_tests
+from daest.diagnosis.comparison.trial import Candidate
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.residual_tests import RawTest, joined, judged, residual_tests
-from daest.diagnosis.trial import Candidate
 from daest.modelica.compile import compile_model
 from daest.numerics.statistics import ljung_box
 

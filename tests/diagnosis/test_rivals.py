@@ -10,11 +10,10 @@ import pytest
 from hidden_plants import library, model, prove, rubbing, some_effects
 from scipy.signal import lfilter
 
-from daest.diagnosis.candidates import pairs
-from daest.diagnosis.disturbance import place_gains, smoothed_load
-from daest.diagnosis.null import fit_null
-from daest.diagnosis.ranking import could_compete
-from daest.diagnosis.rivals import (
+from daest.diagnosis.built_in.trials import prepare, trials
+from daest.diagnosis.evidence.ranking import could_compete
+from daest.diagnosis.null_model.null import fit_null
+from daest.diagnosis.refits.rivals import (
     best_dynamic,
     best_simulation,
     dynamic_fits,
@@ -31,13 +30,14 @@ from daest.diagnosis.rivals import (
     simpler_laws,
     simplest_first,
 )
-from daest.diagnosis.screen import run_null, screen
-from daest.diagnosis.trials import prepare, trials
+from daest.diagnosis.screening.candidates import pairs
+from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
+from daest.diagnosis.screening.screen import run_null, screen
 from daest.model.diagnosis import Screened
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
-from daest.modelica.sites import sites
-from daest.systems.simulate import simulate
+from daest.modelica.places.sites import sites
+from daest.systems.simulation.simulate import simulate
 
 LAWS = some_effects("CoulombFriction", "StribeckFriction", "QuadraticDrag", "Unbalance")
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from hidden_plants import MODELS, model, rotor_record, some_effects
 
+from daest.diagnosis.answers.told_beside import held_told
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.evidence.stand import begin
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.stand import begin
-from daest.diagnosis.told_beside import held_told
 from daest.estimation.identify import absorbed_parameters, tied_parameters
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
-from daest.systems.simulate import simulate
+from daest.systems.simulation.simulate import simulate
 
 
 @cache

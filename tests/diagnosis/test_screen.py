@@ -23,12 +23,13 @@ from hidden_plants import (
 )
 from scipy.stats import kstest, norm
 
-from daest.diagnosis import candidates as candidates_module
-from daest.diagnosis import screen as screening
-from daest.diagnosis.candidates import attachable, attached, in_shapes, pairs, with_shapes
+from daest.diagnosis.answers.verdict import two_alike
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null import loads_of
-from daest.diagnosis.screen import (
+from daest.diagnosis.null_model.null import loads_of
+from daest.diagnosis.screening import candidates as candidates_module
+from daest.diagnosis.screening import screen as screening
+from daest.diagnosis.screening.candidates import attachable, attached, in_shapes, pairs, with_shapes
+from daest.diagnosis.screening.screen import (
     DRAWS,
     TAIL,
     _followed,
@@ -45,15 +46,14 @@ from daest.diagnosis.screen import (
     screen,
     size_names,
 )
-from daest.diagnosis.size_slopes import sizes_of
-from daest.diagnosis.verdict import two_alike
+from daest.diagnosis.screening.size_slopes import sizes_of
 from daest.errors import EstimationError, ModelError
 from daest.model.diagnosis import Screen, Screened
-from daest.modelica.attach import attach
-from daest.modelica.sites import sites
-from daest.systems.integrate import integrate, integrator
-from daest.systems.integration import Correction
-from daest.systems.reduce import reduce_index
+from daest.modelica.effects.attach import attach
+from daest.modelica.places.sites import sites
+from daest.systems.events.integration import Correction
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import integrate, integrator
 
 EFFECTS = (
     "CoulombFriction",

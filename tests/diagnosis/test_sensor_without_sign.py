@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from daest.diagnosis.evidence.stand import begin
 from daest.diagnosis.examine import examine
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.stand import begin
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import find_effect
+from daest.modelica.effects.catalogue import find_effect
 
 DRIVE = """
 model Drive

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from daest.diagnosis import candidates
-from daest.diagnosis.candidates import attached, explicit_at_null, pairs
+from daest.diagnosis.screening import candidates
+from daest.diagnosis.screening.candidates import attached, explicit_at_null, pairs
 from daest.model.flat import ExplicitModel
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import find_effect
-from daest.modelica.sites import sites
-from daest.systems.reduce import reduce_index
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.places.sites import sites
+from daest.systems.reduction.reduce import reduce_index
 
 ROTOR = """model Rotor
   parameter Real J(unit = "kg.m2", min = 0) = 0.06;

@@ -6,17 +6,17 @@ from pathlib import Path
 import numpy as np
 from numpy.testing import assert_allclose
 
-from daest.diagnosis import stand as stand_module
-from daest.diagnosis.candidates import attached, fed
-from daest.diagnosis.chosen import chosen_candidates
-from daest.diagnosis.null import at_fit
-from daest.diagnosis.open_loop import simulated_errors
+from daest.diagnosis.built_in.chosen import chosen_candidates
+from daest.diagnosis.evidence import stand as stand_module
+from daest.diagnosis.evidence.open_loop import simulated_errors
+from daest.diagnosis.evidence.stand import begin, reference_of
+from daest.diagnosis.null_model.null import at_fit
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.stand import begin, reference_of
+from daest.diagnosis.screening.candidates import attached, fed
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library
-from daest.modelica.sites import sites, unused_inputs
+from daest.modelica.effects.catalogue import effect_library
+from daest.modelica.places.sites import sites, unused_inputs
 
 MODELS = Path(__file__).with_name("models")
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 from hidden_plants import DAMPING, quiet, rotor_null, rotor_record, some_effects
 
-from daest.diagnosis.candidates import pairs
-from daest.diagnosis.screen import screen
-from daest.diagnosis.slow_loads import said_by_loads
-from daest.modelica.sites import sites
+from daest.diagnosis.built_in.slow_loads import said_by_loads
+from daest.diagnosis.screening.candidates import pairs
+from daest.diagnosis.screening.screen import screen
+from daest.modelica.places.sites import sites
 
 EFFECTS = ("ConstantLoad", "CoulombFriction", "QuadraticDrag", "Drift", "Unbalance", "HardeningSpring")
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 from hidden_plants import model, rotor_record, some_effects
 
-from daest.diagnosis.candidates import attachable, pairs, with_shapes
-from daest.diagnosis.disturbance import place_gains, smoothed_load
-from daest.diagnosis.null import fit_null
-from daest.diagnosis.screen import _responses, run_null, size_names
-from daest.diagnosis.size_slopes import sizes_of
-from daest.modelica.sites import sites
-from daest.systems.reduce import reduce_index
+from daest.diagnosis.null_model.null import fit_null
+from daest.diagnosis.screening.candidates import attachable, pairs, with_shapes
+from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
+from daest.diagnosis.screening.screen import _responses, run_null, size_names
+from daest.diagnosis.screening.size_slopes import sizes_of
+from daest.modelica.places.sites import sites
+from daest.systems.reduction.reduce import reduce_index
 
 NAMES = ("SpeedRotor", "SpeedMachine")
 EFFECTS = ("Unbalance", "CoulombFriction")

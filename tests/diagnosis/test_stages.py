@@ -7,14 +7,14 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from daest.diagnosis import course as course_module
-from daest.diagnosis import stages as stages_module
-from daest.diagnosis import trials as trials_module
-from daest.diagnosis.course import Course, _by_states, _left
+from daest.diagnosis.built_in import trials as trials_module
+from daest.diagnosis.built_in.trials import Prepared, Trial, n_seats
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.stages import DynamicTasks, Stages, _has_fallen_short
-from daest.diagnosis.trials import Prepared, Trial, n_seats
+from daest.diagnosis.refits import course as course_module
+from daest.diagnosis.refits import stages as stages_module
+from daest.diagnosis.refits.course import Course, _by_states, _left
+from daest.diagnosis.refits.stages import DynamicTasks, Stages, _has_fallen_short
 from daest.model.diagnosis import InUse
 from daest.model.fit import Agreement
 

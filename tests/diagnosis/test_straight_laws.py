@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from daest.diagnosis.reasons import NO_BEND, STRAIGHT
-from daest.diagnosis.rivals import straight_laws
-from daest.diagnosis.verdict import _of_both
+from daest.diagnosis.answers.verdict import _of_both
+from daest.diagnosis.evidence.reasons import NO_BEND, STRAIGHT
+from daest.diagnosis.refits.rivals import straight_laws
 
 GAIN, OFFSET = STRAIGHT
 SATURATION = "Daest.Effects.Signals.Saturation"

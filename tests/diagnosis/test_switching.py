@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from daest import with_values
-from daest.diagnosis import switching
-from daest.diagnosis.compare import Candidate, compare_models
+from daest.diagnosis.comparison.compare import Candidate, compare_models
+from daest.diagnosis.comparison.event_trial import FILTERED
 from daest.diagnosis.diagnose import diagnose
-from daest.diagnosis.event_trial import FILTERED
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.without_equations import switching
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library
-from daest.systems.simulate import simulate
+from daest.modelica.effects.catalogue import effect_library
+from daest.systems.simulation.simulate import simulate
 
 DRIVE = """model Drive "A shaft under a sampled speed controller"
   parameter Real J(min = 0) = 0.02 annotation(__Daest(estimate = true));

@@ -10,14 +10,14 @@ import pytest
 from hidden_plants import library
 from scipy.linalg import expm
 
-from daest.diagnosis import rounds
-from daest.diagnosis.holds import are_alike
+from daest.diagnosis.evidence.stand import begin
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.stand import begin
+from daest.diagnosis.recordings.holds import are_alike
+from daest.diagnosis.refits import rounds
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
-from daest.systems.simulate import simulate
+from daest.systems.simulation.simulate import simulate
 
 C, G, LOSS, OUTSIDE, STEP = 2.3e5, 85.0, 18.0, 20.0, 60.0
 BOILER = b"""model Boiler "Two layers; the loss of heat is not modelled"

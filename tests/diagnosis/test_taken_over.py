@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from daest.diagnosis import stand as stands
+from daest.diagnosis.evidence import stand as stands
+from daest.diagnosis.evidence.stand import begin
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.stand import begin
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import pytest
 
-from daest.diagnosis.told_beside import far_off_told
+from daest.diagnosis.answers.told_beside import far_off_told
 from daest.model.fit import FittedParameter
 from daest.model.parts import Parameter
 

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import pytest
 from test_load_starts import _diagnosed, _warmed
 
-from daest.diagnosis.dead_times import DELAY
-from daest.diagnosis.late_signals import LAG
-from daest.diagnosis.reasons import in_place_of_a_parameter
-from daest.diagnosis.rivals import shortest_lag, told_apart
+from daest.diagnosis.built_in.dead_times import DELAY
+from daest.diagnosis.built_in.late_signals import LAG
+from daest.diagnosis.evidence.reasons import in_place_of_a_parameter
+from daest.diagnosis.refits.rivals import shortest_lag, told_apart
 
 
 def test_short_lag_is_named_where_no_dead_time_comes_near(tmp_path: Path) -> None:

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from daest.diagnosis.candidates import attachable, pairs
-from daest.diagnosis.grown_states import brought_rows
-from daest.diagnosis.null import fit_null
-from daest.diagnosis.rivals import best_dynamic, best_simulation, dynamic_fits
-from daest.diagnosis.screen import run_null, screen
+from daest.diagnosis.null_model.null import fit_null
+from daest.diagnosis.refits.rivals import best_dynamic, best_simulation, dynamic_fits
+from daest.diagnosis.screening.candidates import attachable, pairs
+from daest.diagnosis.screening.grown_states import brought_rows
+from daest.diagnosis.screening.screen import run_null, screen
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library
-from daest.modelica.sites import sites
+from daest.modelica.effects.catalogue import effect_library
+from daest.modelica.places.sites import sites
 
 STAGES = """model Stages
   parameter Real C1(unit = "F", min = 0) = 1e-7 annotation(__Daest(estimate = true, scale = "log"));

@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 from cart_data import recording
 
-from daest.diagnosis.free_starts import steady_misfit
-from daest.diagnosis.loads import load_places, load_sites, with_loads
-from daest.diagnosis.null import Null, fit_null
-from daest.diagnosis.screen import run_null
-from daest.diagnosis.unseen import (
+from daest.diagnosis.evidence.free_starts import steady_misfit
+from daest.diagnosis.evidence.unseen import (
     Foreseen,
     Innovations,
     _kept,
@@ -28,16 +25,19 @@ from daest.diagnosis.unseen import (
     judged,
     steady_outputs,
 )
-from daest.estimation.coordinates import Unknowns
-from daest.estimation.nonlinear_start import fit_initial_states
-from daest.estimation.records import part_of
-from daest.estimation.trajectories import TrajectoryProblem
+from daest.diagnosis.null_model.loads import load_places, load_sites, with_loads
+from daest.diagnosis.null_model.null import Null, fit_null
+from daest.diagnosis.screening.screen import run_null
+from daest.estimation.fitting.coordinates import Unknowns
+from daest.estimation.fitting.records import part_of
+from daest.estimation.nonlinear.nonlinear_start import fit_initial_states
+from daest.estimation.nonlinear.trajectories import TrajectoryProblem
 from daest.model.diagnosis import Ahead, Confirmed, Load
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, FittedNoise
 from daest.modelica.compile import compile_text
-from daest.systems.integrate import integrate, integrator
-from daest.systems.reduce import reduce_index
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import integrate, integrator
 
 
 def errors(rng, sizes):

@@ -9,21 +9,29 @@ import pytest
 from hidden_plants import model, rubbing, some_effects
 
 from daest.diagnosis import examine
-from daest.diagnosis import verdict as verdict_module
-from daest.diagnosis.candidates import pairs
-from daest.diagnosis.changing_values import ChangingValue
-from daest.diagnosis.coloured import Residual
+from daest.diagnosis.answers import verdict as verdict_module
+from daest.diagnosis.answers.changing_values import ChangingValue
+from daest.diagnosis.answers.held_values import OtherValue
+from daest.diagnosis.answers.parts import Parts
+from daest.diagnosis.answers.verdict import (
+    AT_ONCE,
+    MOVING,
+    Evidence,
+    Loads,
+    beside_parts,
+    beside_value,
+    decide,
+)
+from daest.diagnosis.evidence.noise_level import RECORDED
+from daest.diagnosis.evidence.reasons import unmoved
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.held_values import OtherValue
-from daest.diagnosis.holds import says_as_much
-from daest.diagnosis.noise_level import RECORDED
-from daest.diagnosis.parts import Parts
-from daest.diagnosis.reasons import unmoved
-from daest.diagnosis.recorded_late import EarlierInputs
-from daest.diagnosis.verdict import AT_ONCE, MOVING, Evidence, Loads, beside_parts, beside_value, decide
+from daest.diagnosis.recordings.holds import says_as_much
+from daest.diagnosis.recordings.recorded_late import EarlierInputs
+from daest.diagnosis.screening.candidates import pairs
+from daest.diagnosis.without_equations.coloured import Residual
 from daest.model.diagnosis import Ahead, FreeForm, InUse, Load, PlaceGain, Proof, Screen, Screened, Unproved
 from daest.model.fit import Agreement, FittedParameter
-from daest.modelica.sites import sites
+from daest.modelica.places.sites import sites
 
 WHITE = np.random.default_rng(0).standard_normal((800, 1))
 COLOURED = np.cumsum(WHITE, axis=0)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from daest.diagnosis.comparison.where import ErrorSeries, Signal, distinct, where
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.where import ErrorSeries, Signal, distinct, where
 
 N, PERIOD = 4000, 0.01
 TIME = PERIOD * np.arange(N)

@@ -8,10 +8,10 @@ import pytest
 from hidden_plants import PERIOD, library, model
 from test_changing_values import stand_with
 
-from daest.diagnosis.screen import run_null
-from daest.diagnosis.within_sample import acts_later, responses_within
+from daest.diagnosis.screening.screen import run_null
+from daest.diagnosis.screening.within_sample import acts_later, responses_within
 from daest.model.diagnosis import Candidate
-from daest.modelica.sites import sites
+from daest.modelica.places.sites import sites
 
 
 @cache

@@ -11,7 +11,7 @@ from daest.diagnosis.diagnose import diagnose
 from daest.model.diagnosis import Diagnosis
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 
 WALL = """model Wall
   parameter Real R(unit = "K/W", min = 0) = 3 annotation(__Daest(estimate = true));

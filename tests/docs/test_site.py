@@ -19,7 +19,7 @@ from daest.cli.main import COMMANDS, cli
 from daest.cli.schema import schema_names, schema_of
 from daest.data.project import KEYS
 from daest.errors import EXPLANATIONS
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 
 ROOT = Path(__file__).resolve().parents[2]
 LOADED = {("script", "src"), ("link", "href"), ("img", "src"), ("iframe", "src")}

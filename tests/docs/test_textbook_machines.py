@@ -7,11 +7,11 @@ import pytest
 from test_rates import ROOT, loaded
 
 import daest
+from daest.diagnosis.evidence.stand import begin
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.stand import begin
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 
 QUICK = ("zones", "pendulum", "shaft")
 

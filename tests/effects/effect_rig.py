@@ -11,14 +11,14 @@ import numpy as np
 from daest.model.effects import Effect, Site
 from daest.model.flat import FlatModel
 from daest.model.parts import Equation
-from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library, find_effect
-from daest.modelica.extend import extend_model
-from daest.modelica.sites import find_site, fits, sites
-from daest.systems.linearize import linearize
-from daest.systems.split import split
-from daest.systems.transfer import poles
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import effect_library, find_effect
+from daest.modelica.effects.extend import extend_model
+from daest.modelica.places.sites import find_site, fits, sites
+from daest.systems.linear.linearize import linearize
+from daest.systems.linear.split import split
+from daest.systems.linear.transfer import poles
 
 MODELS = Path(__file__).parent / "models"
 RIG = MODELS / "Rig.mo"

@@ -6,12 +6,12 @@ import pytest
 from effect_rig import characteristic, in_steps
 
 from daest.errors import ModelError
-from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model, compile_text
-from daest.modelica.effects import effect_library, find_effect
-from daest.modelica.extend import extend_model
-from daest.modelica.place_units import units_at
-from daest.modelica.sites import find_site, sites
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import effect_library, find_effect
+from daest.modelica.effects.extend import extend_model
+from daest.modelica.places.place_units import units_at
+from daest.modelica.places.sites import find_site, sites
 
 TANK = """\
 model Tank "Salt in two vessels, one of which fills; time in hours"

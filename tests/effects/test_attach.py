@@ -12,10 +12,10 @@ from effect_rig import examples, finite_poles, first_places, label, placements, 
 
 from daest.errors import ModelError
 from daest.model.effects import Placement
-from daest.modelica.attach import attach, attach_all
-from daest.modelica.effects import effect_library, find_effect
-from daest.modelica.sites import find_site
-from daest.systems.simulate import simulate
+from daest.modelica.effects.attach import attach, attach_all
+from daest.modelica.effects.catalogue import effect_library, find_effect
+from daest.modelica.places.sites import find_site
+from daest.systems.simulation.simulate import simulate
 
 # Poles of the attached model and the nominal one, relative to the largest.
 POLE_TOLERANCE = 1e-8
@@ -147,9 +147,9 @@ def test_friction_across_a_component_acts_on_both_ends() -> None:
 
 
 def test_signal_effects_scale_the_transfer() -> None:
-    from daest.systems.linearize import linearize
-    from daest.systems.split import split
-    from daest.systems.transfer import transfer_functions
+    from daest.systems.linear.linearize import linearize
+    from daest.systems.linear.split import split
+    from daest.systems.linear.transfer import transfer_functions
 
     def gain(flat) -> float:
         dae = linearize(flat)

@@ -9,7 +9,7 @@ from effect_rig import RIG
 
 from daest.cli.main import run
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import effect_library
+from daest.modelica.effects.catalogue import effect_library
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import pytest
 from effect_rig import label
 
 from daest.errors import ModelError
-from daest.modelica import effects
-from daest.modelica.effects import (
+from daest.modelica.effects import catalogue as effects
+from daest.modelica.effects.catalogue import (
     adds_a_constant,
     adds_a_ramp,
     effect_library,
@@ -18,7 +18,7 @@ from daest.modelica.effects import (
     find_effect,
     find_effects,
 )
-from daest.modelica.library import library_root, library_roots
+from daest.modelica.language.library import library_root, library_roots
 from daest.quantities import parse_unit
 
 EFFECTS = effect_library()

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from effect_rig import characteristic
 
-from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model, compile_text
-from daest.modelica.effects import find_effect
-from daest.modelica.extend import extend_model
-from daest.modelica.sites import find_site, fits, sites
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.effects.extend import extend_model
+from daest.modelica.places.sites import find_site, fits, sites
 
 PIPE = """model Pipe "water through a pipe in parts"
   parameter Integer n = 4;
@@ -235,7 +235,7 @@ def test_a_law_is_there_already_where_any_part_has_it() -> None:
 
 def test_rate_limit_keeps_its_follower_beside_a_store_at_a_held_temperature() -> None:
     """The store asks for the rate of the temperature that the limit follows."""
-    from daest.systems.reduce import reduce_index
+    from daest.systems.reduction.reduce import reduce_index
 
     flat = compiled(PLATE, "Plate.Cells")
     limit, store = find_effect("Signals.RateLimit"), find_effect("Thermal.ExtraHeatCapacity")

@@ -6,12 +6,12 @@ from effect_rig import in_steps
 from scipy.integrate import solve_ivp
 
 from daest.errors import ModelError
-from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import find_effect
-from daest.modelica.extend import extend_model
-from daest.modelica.sites import find_site, fits, sites
-from daest.systems.simulate import simulate
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.effects.extend import extend_model
+from daest.modelica.places.sites import find_site, fits, sites
+from daest.systems.simulation.simulate import simulate
 
 ROOMS = """model Rooms
   parameter Real C1(unit = "J/K") = 2e4;

@@ -11,12 +11,12 @@ import pytest
 from effect_rig import MODELS, RIG, characteristic, examples, finite_poles, first_places, in_steps, label, rig
 
 from daest.errors import ModelError
-from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model, compile_text
-from daest.modelica.effects import find_effect
-from daest.modelica.extend import CurveText, extend_by_curve, extend_model
-from daest.modelica.sites import find_site
-from daest.systems.simulate import simulate
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.effects.extend import CurveText, extend_by_curve, extend_model
+from daest.modelica.places.sites import find_site
+from daest.systems.simulation.simulate import simulate
 
 # Effects on amounts sit in a bare equation of the rig, whose text is opened: see test_amounts.py.
 WRITABLE = [p for p in first_places() if p[1].kind not in ("parameter", "equation")]

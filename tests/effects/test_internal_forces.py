@@ -9,12 +9,12 @@ from effect_rig import in_steps
 from scipy.integrate import solve_ivp
 
 from daest.errors import ModelError
-from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model, compile_text
-from daest.modelica.effects import find_effect
-from daest.modelica.extend import extend_model
-from daest.modelica.sites import find_site, fits, sites
-from daest.systems.simulate import simulate
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.effects.extend import extend_model
+from daest.modelica.places.sites import find_site, fits, sites
+from daest.systems.simulation.simulate import simulate
 
 HEAD = """model Two
   parameter Real m1(unit = "kg") = 2;

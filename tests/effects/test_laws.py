@@ -12,11 +12,11 @@ from effect_rig import label, law, rig, rig_sites
 
 from daest.model.effects import Effect
 from daest.model.flat import FlatModel
-from daest.modelica.attach import attach
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library, find_effect
-from daest.modelica.sites import find_site, fits
-from daest.systems.simulate import simulate
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import effect_library, find_effect
+from daest.modelica.places.sites import find_site, fits
+from daest.systems.simulation.simulate import simulate
 
 Law = Callable[[dict[str, float]], float]
 RNG_SEED = 7

@@ -9,13 +9,13 @@ from effect_rig import in_steps
 from scipy.integrate import solve_ivp
 
 from daest.errors import ModelError
-from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model, compile_text
-from daest.modelica.effects import find_effect
-from daest.modelica.extend import extend_model
-from daest.modelica.place_units import units_at
-from daest.modelica.sites import fits, sites
-from daest.systems.simulate import simulate
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.effects.extend import extend_model
+from daest.modelica.places.place_units import units_at
+from daest.modelica.places.sites import fits, sites
+from daest.systems.simulation.simulate import simulate
 
 HEAD = """model Motor
   parameter Real R(unit = "Ohm") = 2;

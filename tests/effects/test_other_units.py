@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from daest.modelica.attach import attach
-from daest.modelica.balances import base_unit, domain_of
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import find_effect
-from daest.modelica.extend import extend_model
-from daest.modelica.place_units import flow_unit, units_at
-from daest.modelica.sites import find_site
-from daest.systems.simulate import simulate
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.effects.extend import extend_model
+from daest.modelica.places.balances import base_unit, domain_of
+from daest.modelica.places.place_units import flow_unit, units_at
+from daest.modelica.places.sites import find_site
+from daest.systems.simulation.simulate import simulate
 
 PI = "3.141592653589793"
 # Machines in several units: the variable of the balance, declarations and equations.

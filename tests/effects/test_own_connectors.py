@@ -5,13 +5,13 @@ import pytest
 from effect_rig import characteristic
 
 from daest.errors import ModelError
-from daest.modelica.attach import attach
 from daest.modelica.compile import compile_model
-from daest.modelica.effects import find_effect
-from daest.modelica.extend import extend_model
-from daest.modelica.place_units import units_at
-from daest.modelica.sites import find_site, sites
-from daest.systems.simulate import simulate
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.effects.extend import extend_model
+from daest.modelica.places.place_units import units_at
+from daest.modelica.places.sites import find_site, sites
+from daest.systems.simulation.simulate import simulate
 
 MODEL = """
 package P

@@ -4,16 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from daest.diagnosis.loads import load_places, load_sites, with_loads
+from daest.diagnosis.null_model.loads import load_places, load_sites, with_loads
 from daest.errors import ModelError
-from daest.modelica.attach import attach
-from daest.modelica.balances import balances
-from daest.modelica.clock import clock_unit
 from daest.modelica.compile import compile_model, compile_text
-from daest.modelica.effects import effect_library, find_effect
-from daest.modelica.factors import given_value
-from daest.modelica.place_units import balance_entry, flow_unit, units_at
-from daest.modelica.sites import find_site, sites
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import effect_library, find_effect
+from daest.modelica.flat.clock import clock_unit
+from daest.modelica.flat.factors import given_value
+from daest.modelica.places.balances import balances
+from daest.modelica.places.place_units import balance_entry, flow_unit, units_at
+from daest.modelica.places.sites import find_site, sites
 
 MODEL = """\
 model Bare

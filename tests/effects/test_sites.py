@@ -11,12 +11,12 @@ import pytest
 from effect_rig import MODELS, characteristic, finite_poles, rig, rig_sites
 
 from daest.errors import ModelError
-from daest.modelica.attach import attach
-from daest.modelica.balances import balances
 from daest.modelica.compile import compile_model, compile_text
-from daest.modelica.effects import effect_library, find_effect
-from daest.modelica.extend import extend_model
-from daest.modelica.sites import find_site, fits, number_of, sites
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import effect_library, find_effect
+from daest.modelica.effects.extend import extend_model
+from daest.modelica.places.balances import balances
+from daest.modelica.places.sites import find_site, fits, number_of, sites
 
 SERVO = Path(__file__).resolve().parents[2] / "examples" / "servo" / "Servo.mo"
 

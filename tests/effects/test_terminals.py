@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from effect_rig import in_steps
 
-from daest.diagnosis.loads import load_sites
-from daest.modelica.attach import attach
+from daest.diagnosis.null_model.loads import load_sites
 from daest.modelica.compile import compile_model, compile_text
-from daest.modelica.effects import find_effect
-from daest.modelica.extend import extend_model
-from daest.modelica.sites import find_site, fits, sites
-from daest.systems.simulate import simulate
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.effects.extend import extend_model
+from daest.modelica.places.sites import find_site, fits, sites
+from daest.systems.simulation.simulate import simulate
 
 CELL = """model Cell
   parameter Real R(unit = "Ohm") = 0.02;

@@ -3,11 +3,11 @@
 import casadi as ca
 import numpy as np
 
-from daest.estimation.setup import Setup
+from daest.estimation.fitting.setup import Setup
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.model.parts import Equation, NoiseInput, Output, Parameter, Variable
-from daest.systems.reduce import reduce_index
+from daest.systems.reduction.reduce import reduce_index
 
 
 def explicit_from(states, parameters, rhs, outputs, noises=(), inputs=("u",)):

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from daest.estimation.arx import (
+from daest.estimation.fitting.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.fitting.records import make_record
+from daest.estimation.linear.arx import (
     fit_long_arx,
     matched_start,
     physical_orders,
     transfer_function,
 )
-from daest.estimation.coordinates import Unknowns, parameter_coordinate
-from daest.estimation.linear_predictors import Problem
-from daest.estimation.records import make_record
+from daest.estimation.linear.linear_predictors import Problem
 from daest.model.experiment import Experiment
 from daest.model.parts import Parameter
 from daest.modelica.compile import compile_text
-from daest.systems.reduce import reduce_index
-from daest.systems.simulate import simulate
-from daest.systems.state_space import sample, state_space, state_space_family
+from daest.systems.linear.state_space import sample, state_space, state_space_family
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.simulate import simulate
 
 # Table 1 of the report, with its sign: u > 0 turns the speed negative.
 REPORT = {"d": 5.87e-4, "c": 0.0341, "J1": 6.30e-6, "J2": 4.17e-4, "R": 4.60, "k": -0.0599, "n": 30.0}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from daest.estimation.change import (
+from daest.estimation.streaming.change import (
     CHARTS,
     Usual,
     crossing,
@@ -14,7 +14,7 @@ from daest.estimation.change import (
     update_charts,
     usual_of,
 )
-from daest.estimation.watch import QUIET, Watch
+from daest.estimation.streaming.watch import QUIET, Watch
 from daest.model.estimates import Estimate
 
 THRESHOLD_OF_TWO = 9.57  # nats: of two outputs and 30 000 samples between false alarms

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from nonlinear_models import experiment_of, friction_servo
 
-from daest.estimation.coordinates import Coordinate, Unknowns
-from daest.estimation.ekf import ekf_likelihood
-from daest.estimation.filter_task import Directions, Noise, Start, record
+from daest.estimation.filter_engines.ekf import ekf_likelihood
+from daest.estimation.filter_engines.filter_task import Directions, Noise, Start, record
+from daest.estimation.fitting.coordinates import Coordinate, Unknowns
+from daest.estimation.fitting.search import Evaluation
+from daest.estimation.fitting.ties import Beginning, with_ties
 from daest.estimation.identify import identify
-from daest.estimation.search import Evaluation
-from daest.estimation.ties import Beginning, with_ties
 from daest.model.fit import IdentifyOptions
 from daest.modelica.compile import compile_model, compile_text
-from daest.systems.initialize import initial_point
-from daest.systems.local_linear import local_model
-from daest.systems.reduce import reduce_index
-from daest.systems.redundant import good_everywhere, redundant_model
-from daest.systems.simulate import simulate
+from daest.systems.reduction.initialize import initial_point
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.reduction.redundant import good_everywhere, redundant_model
+from daest.systems.simulation.local_linear import local_model
+from daest.systems.simulation.simulate import simulate
 
 TRUE = np.array([0.5, 1.0, 0.05])  # m, L, d
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from daest.estimation.coordinates import Coordinate, Unknowns, rescaled
-from daest.estimation.search import Evaluation
+from daest.estimation.fitting.coordinates import Coordinate, Unknowns, rescaled
+from daest.estimation.fitting.search import Evaluation
 
 
 @pytest.mark.parametrize(("information", "scale"), [(1e-6, 1e4), (1e-31, 1.0), (0.0, 1.0)])

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daest.estimation.delay_starts import long_past, shapes_of_past, steady_past
 from daest.estimation.identify import identify
+from daest.estimation.linear.delay_starts import long_past, shapes_of_past, steady_past
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.modelica.compile import compile_text
-from daest.systems.reduce import reduce_index
-from daest.systems.state_space import state_space_family
+from daest.systems.linear.state_space import state_space_family
+from daest.systems.reduction.reduce import reduce_index
 
 NAMES = ("x", "delay_1_memory[1]", "delay_1_memory[2]", "a.delay_2_memory[1]", "a.delay_2_memory[2]")
 STEP = """

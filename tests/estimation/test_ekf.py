@@ -18,17 +18,17 @@ from nonlinear_models import (
 )
 
 from daest.errors import EstimationError, ModelError
-from daest.estimation.ekf import ekf_likelihood, run_ekf
-from daest.estimation.filter_task import Directions, Noise, Start, record
-from daest.estimation.kalman import kalman_filter
-from daest.estimation.nonlinear_smoother import smooth_ekf
-from daest.estimation.smoother import smooth
+from daest.estimation.filter_engines.ekf import ekf_likelihood, run_ekf
+from daest.estimation.filter_engines.filter_task import Directions, Noise, Start, record
+from daest.estimation.filter_engines.kalman import kalman_filter
+from daest.estimation.filter_engines.nonlinear_smoother import smooth_ekf
+from daest.estimation.filter_engines.smoother import smooth
 from daest.model.estimates import InitialState
 from daest.modelica.compile import compile_model
-from daest.systems.integration import IntegrationError
-from daest.systems.local_linear import local_model
-from daest.systems.reduce import reduce_index
-from daest.systems.state_space import sample, state_space, state_space_family
+from daest.systems.events.integration import IntegrationError
+from daest.systems.linear.state_space import sample, state_space, state_space_family
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.local_linear import local_model
 
 NOISE = Noise(np.array([1e-3, 2e-3]), np.array([0.01, 0.02]))
 START = Start(np.array([0.1, 0.0, -0.1, 0.2]), 0.01 * np.diag([1.0, 2.0, 3.0, 4.0]))

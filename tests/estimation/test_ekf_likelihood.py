@@ -8,18 +8,18 @@ import pytest
 from nonlinear_models import experiment_of, friction_servo, oscillator, setup_of
 from scipy.stats import chi2
 
-from daest.estimation.coordinates import Coordinate, Unknowns, objective
-from daest.estimation.ekf_likelihood import (
+from daest.estimation.filter_engines.filter_task import record
+from daest.estimation.fitting.coordinates import Coordinate, Unknowns, objective
+from daest.estimation.gates import FIT
+from daest.estimation.nonlinear.ekf_likelihood import (
     EkfProblem,
     identify_by_ekf,
     with_substeps,
 )
-from daest.estimation.filter_task import record
-from daest.estimation.gates import FIT
-from daest.estimation.identify_nonlinear import identify_nonlinear
+from daest.estimation.nonlinear.identify_nonlinear import identify_nonlinear
 from daest.model.fit import IdentifyOptions
-from daest.systems.local_linear import local_model
-from daest.systems.simulate import simulate
+from daest.systems.simulation.local_linear import local_model
+from daest.systems.simulation.simulate import simulate
 
 TRUE = np.array([4.0, 0.5, 2.0])
 INTENSITY, STD = 0.3, 0.02
@@ -172,7 +172,7 @@ def test_simulation_begins_where_it_fits_best():
 @pytest.mark.slow
 def test_a_record_too_coarse_for_the_model_is_left_to_the_observer(monkeypatch):
     explicit, experiments = recordings(0, n=300)
-    monkeypatch.setattr("daest.estimation.ekf_likelihood.FIT", replace(FIT, rough_substeps=0.0))
+    monkeypatch.setattr("daest.estimation.nonlinear.ekf_likelihood.FIT", replace(FIT, rough_substeps=0.0))
     found = identified(identify_by_ekf, "pem", explicit, experiments)
     assert any("not smooth enough" in note for note in found.notes)
     observer = identified(identify_nonlinear, "pem", explicit, experiments)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from daest.errors import EstimationError
+from daest.estimation.fitting.records import part_of
 from daest.estimation.identify import identify
-from daest.estimation.records import part_of
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.modelica.compile import compile_text

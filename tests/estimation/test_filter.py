@@ -12,12 +12,12 @@ from scipy.stats import binom
 
 from daest.errors import EXPLANATIONS, EstimationError
 from daest.estimation.filter import run_filter
-from daest.estimation.stationary import stationary_filter
+from daest.estimation.filter_engines.stationary import stationary_filter
 from daest.model.estimates import FilterOptions, InitialState
 from daest.model.experiment import Experiment
 from daest.model.linear import StateSpace
 from daest.report.documents.filter import document, table
-from daest.systems.state_space import sample, state_space
+from daest.systems.linear.state_space import sample, state_space
 
 RIG = {"d": 0.02, "c": 1.5, "J1": 6.3e-6, "J2": 0.02, "k": 0.06, "R": 4.6, "n": 30.0}
 STD = np.array([0.02, 0.01])

@@ -12,7 +12,7 @@ import daest
 from daest.errors import EXPLANATIONS, EstimationError
 from daest.estimation.filters import FILTERS, Filter, kalman
 from daest.model.estimates import FilterOptions
-from daest.systems.state_space import state_space
+from daest.systems.linear.state_space import state_space
 
 OPTIONS = FilterOptions(process_intensity=np.array([1e-4]), measurement_cov=STD**2)
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from nonlinear_models import experiment_of, oscillator
 
-from daest.estimation.coordinates import Unknowns, objective, parameter_coordinate
-from daest.estimation.gain_family import Levels, gain_family
-from daest.estimation.noise_levels import average_along
-from daest.estimation.observer import AverageModel, observer
-from daest.estimation.trajectories import TrajectoryProblem
-from daest.systems.integrate import integrate, integrator
-from daest.systems.integration import Correction
-from daest.systems.simulate import simulate
+from daest.estimation.fitting.coordinates import Unknowns, objective, parameter_coordinate
+from daest.estimation.nonlinear.gain_family import Levels, gain_family
+from daest.estimation.nonlinear.noise_levels import average_along
+from daest.estimation.nonlinear.observer import AverageModel, observer
+from daest.estimation.nonlinear.trajectories import TrajectoryProblem
+from daest.systems.events.integration import Correction
+from daest.systems.simulation.integrate import integrate, integrator
+from daest.systems.simulation.simulate import simulate
 
 
 @pytest.fixture(scope="module")

@@ -8,14 +8,14 @@ import hand_models as hand
 import numpy as np
 import pytest
 
-from daest.estimation import identifiability
-from daest.estimation.coordinates import Coordinate, Unknowns, objective, parameter_coordinate
-from daest.estimation.linear_predictors import Problem
-from daest.estimation.observer import AverageModel, observer
-from daest.estimation.records import make_record
+from daest.estimation.fitting import identifiability
+from daest.estimation.fitting.coordinates import Coordinate, Unknowns, objective, parameter_coordinate
+from daest.estimation.fitting.records import make_record
+from daest.estimation.linear.linear_predictors import Problem
+from daest.estimation.nonlinear.observer import AverageModel, observer
 from daest.model.parts import Parameter
 from daest.numerics.riccati import hidden_basis
-from daest.systems.state_space import sample, state_space
+from daest.systems.linear.state_space import sample, state_space
 
 VALUES = {"J": 0.3, "c": 20.0, "d": 0.2, "r": 3.0, "f": 0.5}
 TURNED_AS = ("angles", "angles of a small unit", "twist")

@@ -12,22 +12,22 @@ from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.options import DiagnoseOptions
 from daest.errors import ConfigError, ModelError
 from daest.estimation.filter import run_filter
-from daest.estimation.hold_search import are_steps, moving_inputs, ranked_holds
 from daest.estimation.identify import identify
+from daest.estimation.linear.hold_search import are_steps, moving_inputs, ranked_holds
 from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.model.holds import checked_hold, held_inputs, mixed_hold
 from daest.modelica.compile import compile_text
-from daest.modelica.effects import effect_library
-from daest.systems.simulate import simulate
-from daest.systems.state_space import (
+from daest.modelica.effects.catalogue import effect_library
+from daest.systems.linear.state_space import (
     sample,
     sample_derivatives,
     state_space,
     state_space_derivatives,
     state_space_family,
 )
+from daest.systems.simulation.simulate import simulate
 
 ROOM = """model Room "A room that a relay heats; `r` is how much better moving air conducts"
   parameter Real C(unit = "J/K") = 4e6 annotation(__Daest(estimate = true));

@@ -8,15 +8,15 @@ import pytest
 
 from daest.errors import EstimationError
 from daest.estimation.filter import run_filter
-from daest.estimation.online_filter import online_filter
+from daest.estimation.streaming.online_filter import online_filter
 from daest.model.estimates import FilterOptions, InitialState, Sample
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
-from daest.systems.hybrid import Inputs
-from daest.systems.integrate import integrator
-from daest.systems.modes import in_starting_mode
-from daest.systems.passages import Passages
-from daest.systems.reduce import reduce_index
+from daest.systems.events.hybrid import Inputs
+from daest.systems.events.modes import in_starting_mode
+from daest.systems.events.passages import Passages
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import integrator
 
 LOOP = """model Loop "A sampled PI controller beside a continuous plant"
   Real x(start = 0, fixed = true);

@@ -10,13 +10,13 @@ import pytest
 from scipy.signal import decimate, lfilter
 
 from daest.errors import EXPLANATIONS, DaestError, EstimationError
-from daest.estimation.identifiability import ROUNDING, std_errors
+from daest.estimation.fitting.identifiability import ROUNDING, std_errors
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions, NoiseChoice
 from daest.model.parts import Parameter
 from daest.report.documents.fit import document
-from daest.systems.state_space import sample, state_space
+from daest.systems.linear.state_space import sample, state_space
 
 TRUE = {"d": 0.0226, "c": 1.4367, "J1": 6.838e-6, "J2": 0.02054, "R": 4.316, "k": 0.0675, "n": 30.0}
 NAMES = ("d", "c", "J1", "J2", "k")

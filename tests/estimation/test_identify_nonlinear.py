@@ -11,21 +11,21 @@ import numpy as np
 import pytest
 from nonlinear_models import experiment_of, explicit_from, setup_of
 
-import daest.estimation.identify_nonlinear as identify_nonlinear_module
+import daest.estimation.nonlinear.identify_nonlinear as identify_nonlinear_module
 from daest.errors import DaestError, EstimationError
-from daest.estimation import nonlinear_start, trajectories
-from daest.estimation.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.fitting.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.fitting.records import part_of
 from daest.estimation.identify import identify
-from daest.estimation.identify_nonlinear import WarmStart, identify_nonlinear, search_on
-from daest.estimation.records import part_of
+from daest.estimation.nonlinear import nonlinear_start, trajectories
+from daest.estimation.nonlinear.identify_nonlinear import WarmStart, identify_nonlinear, search_on
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.model.parts import Equation
 from daest.modelica.compile import compile_text
-from daest.systems.integrate import integrate, integrator
-from daest.systems.integration import IntegrationError
-from daest.systems.reduce import reduce_index
-from daest.systems.simulate import simulate
+from daest.systems.events.integration import IntegrationError
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import integrate, integrator
+from daest.systems.simulation.simulate import simulate
 
 TRUE = {"J": 0.5, "d": 0.3, "stick": 0.15}
 PERIOD, SUBSTEPS, SENSOR = 0.05, 50, 0.005

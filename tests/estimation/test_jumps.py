@@ -6,8 +6,8 @@ import pytest
 from nonlinear_models import experiment_of, explicit_from
 
 from daest.errors import EXPLANATIONS, EstimationError
+from daest.estimation.fitting.setup import check_jumps
 from daest.estimation.identify import identify
-from daest.estimation.setup import check_jumps
 from daest.model.fit import IdentifyOptions
 from daest.modelica.compile import compile_model
 

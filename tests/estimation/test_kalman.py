@@ -9,8 +9,8 @@ from dense_gaussian import DenseRecord, random_model, simulate_record
 from numpy.testing import assert_allclose
 
 from daest.errors import EXPLANATIONS, EstimationError
-from daest.estimation.kalman import kalman_filter, steady_sample, unobservable_states
-from daest.estimation.stationary import stationary_filter
+from daest.estimation.filter_engines.kalman import kalman_filter, steady_sample, unobservable_states
+from daest.estimation.filter_engines.stationary import stationary_filter
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
 from daest.model.linear import DiscreteModel

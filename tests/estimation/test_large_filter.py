@@ -7,18 +7,18 @@ from dense_gaussian import DenseRecord
 from numpy.testing import assert_allclose
 
 from daest.errors import EXPLANATIONS, EstimationError
-from daest.estimation import filter_cost as cost_module
-from daest.estimation import large_filter as module
 from daest.estimation.filter import run_filter
-from daest.estimation.filter_cost import filter_cost, way_of_filter
+from daest.estimation.filter_engines import filter_cost as cost_module
+from daest.estimation.filter_engines import large_filter as module
+from daest.estimation.filter_engines.filter_cost import filter_cost, way_of_filter
+from daest.estimation.filter_engines.kalman import kalman_filter, steady_sample
+from daest.estimation.filter_engines.large_filter import can_stream, large_filter
 from daest.estimation.filters import kalman as filter_module
-from daest.estimation.kalman import kalman_filter, steady_sample
-from daest.estimation.large_filter import can_stream, large_filter
 from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
 from daest.model.linear import StateSpace
 from daest.numerics.gaussian import marginals
-from daest.systems.state_space import sample
+from daest.systems.linear.state_space import sample
 
 PERIOD = 0.1
 INTENSITY = np.array([1.0, 0.5])

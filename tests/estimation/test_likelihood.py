@@ -11,10 +11,11 @@ import pytest
 from dense_gaussian import DenseRecord
 from scipy.integrate import solve_ivp
 
-from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
-from daest.estimation.coordinates import objective as objective_of
-from daest.estimation.kalman import kalman_filter
-from daest.estimation.linear_predictors import (
+from daest.estimation.filter_engines.kalman import kalman_filter
+from daest.estimation.fitting.coordinates import Coordinate, Unknowns, parameter_coordinate
+from daest.estimation.fitting.coordinates import objective as objective_of
+from daest.estimation.fitting.records import Record, make_record
+from daest.estimation.linear.linear_predictors import (
     NoiseLevels,
     Problem,
     _interpolation,
@@ -25,13 +26,12 @@ from daest.estimation.linear_predictors import (
     recursion,
     simulate,
 )
-from daest.estimation.records import Record, make_record
 from daest.model.estimates import InitialState
 from daest.model.experiment import Experiment
 from daest.model.parts import Parameter
 from daest.numerics.exponential import transition_integrals
 from daest.numerics.riccati import NoiseModel, filter_riccati, stationary_gains
-from daest.systems.state_space import sample, state_space, state_space_derivatives
+from daest.systems.linear.state_space import sample, state_space, state_space_derivatives
 
 TRUE = {"d": 0.0226, "c": 1.4367, "J1": 6.838e-6, "J2": 0.02054, "R": 4.316, "k": 0.0675, "n": 30.0}
 START = {**TRUE, **hand.RIG_START}
@@ -265,7 +265,7 @@ def test_uneven_steps_at_once_are_those_sampled_one_by_one(hold, scale, noisy, m
         noise = NoiseLevels(2.0 * np.eye(2), moved, np.eye(2), np.zeros((2, 2, 2)), "white")
     at_once = recursion(ss, record, hold, noise, slopes)
     assert at_once.Q.any() == noisy
-    monkeypatch.setattr("daest.estimation.linear_predictors.sample_steps", lambda *_: None)
+    monkeypatch.setattr("daest.estimation.linear.linear_predictors.sample_steps", lambda *_: None)
     one_by_one = recursion(ss, record, hold, noise, slopes)
     assert np.array_equal(at_once.R, one_by_one.R)
     for name in ("Phi", "now", "following", "drift", "Q", "S12"):

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from nonlinear_models import experiment_of, linear_servo, oscillator, setup_of
 
-from daest.estimation.coordinates import Unknowns, parameter_coordinate
-from daest.estimation.ekf import run_ekf
-from daest.estimation.filter_task import Noise, Start, record
-from daest.estimation.identify_nonlinear import identify_nonlinear
-from daest.estimation.noise_levels import NO_GAIN, SCAN, _searched_logs
+from daest.estimation.filter_engines.ekf import run_ekf
+from daest.estimation.filter_engines.filter_task import Noise, Start, record
+from daest.estimation.fitting.coordinates import Unknowns, parameter_coordinate
+from daest.estimation.nonlinear.identify_nonlinear import identify_nonlinear
+from daest.estimation.nonlinear.noise_levels import NO_GAIN, SCAN, _searched_logs
 from daest.model.fit import IdentifyOptions
-from daest.systems.local_linear import local_model
-from daest.systems.simulate import simulate
+from daest.systems.simulation.local_linear import local_model
+from daest.systems.simulation.simulate import simulate
 
 
 def recorded(explicit, intensities, stds, period, seed, n=1500):

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from nonlinear_models import experiment_of, explicit_from
 
-from daest.estimation.coordinates import Unknowns
-from daest.estimation.gain_family import Levels, gain_family
-from daest.estimation.noise_levels import at_size_of_innovations, average_along, without_family
-from daest.estimation.search import Evaluation, Found
-from daest.estimation.trajectories import TrajectoryProblem
-from daest.systems.integrate import integrator
-from daest.systems.simulate import simulate
+from daest.estimation.fitting.coordinates import Unknowns
+from daest.estimation.fitting.search import Evaluation, Found
+from daest.estimation.nonlinear.gain_family import Levels, gain_family
+from daest.estimation.nonlinear.noise_levels import at_size_of_innovations, average_along, without_family
+from daest.estimation.nonlinear.trajectories import TrajectoryProblem
+from daest.systems.simulation.integrate import integrator
+from daest.systems.simulation.simulate import simulate
 
 
 def sized(expected, found, has_free_size=True):

@@ -9,16 +9,16 @@ import pytest
 from nonlinear_models import experiment_of, explicit_from
 
 from daest.errors import DataError, EstimationError, ModelError, NumericalError
-from daest.estimation.coordinates import Coordinate, Unknowns, objective
 from daest.estimation.filter import run_filter
+from daest.estimation.fitting.coordinates import Coordinate, Unknowns, objective
+from daest.estimation.fitting.search import minimise
 from daest.estimation.identify import identify
-from daest.estimation.search import minimise
-from daest.estimation.trajectories import TrajectoryProblem
+from daest.estimation.nonlinear.trajectories import TrajectoryProblem
 from daest.model.estimates import FilterOptions
 from daest.model.fit import IdentifyOptions
-from daest.systems.integrate import integrator
-from daest.systems.integration import IntegrationError
-from daest.systems.simulate import simulate
+from daest.systems.events.integration import IntegrationError
+from daest.systems.simulation.integrate import integrator
+from daest.systems.simulation.simulate import simulate
 
 TIME = 0.02 * np.arange(250)
 FORCE = 2.0 * np.sin(TIME)[:, None]
@@ -44,7 +44,7 @@ def cubic():
 
 
 def test_a_jump_that_is_not_smoothed_stops_a_simulation_with_advice(monkeypatch):
-    monkeypatch.setattr("daest.systems.hybrid.MOST_DENSE", 50)
+    monkeypatch.setattr("daest.systems.events.hybrid.MOST_DENSE", 50)
     with pytest.raises(NumericalError) as caught:
         simulate(sharp(), (TIME, FORCE))
     assert caught.value.code == "events-chatter" and "switch `0 < x_1`" in caught.value.what

@@ -11,12 +11,12 @@ from daest.errors import EstimationError
 from daest.estimation.filter import run_filter
 from daest.model.estimates import FilterOptions, InitialState
 from daest.modelica.compile import compile_model
-from daest.systems.initialize import initial_point
-from daest.systems.integrate import integrate, integrator
-from daest.systems.reduce import reduce_index
-from daest.systems.redundant import matching_states, needs_redundant_states, redundant_model
-from daest.systems.simulate import simulate
-from daest.systems.state_space import state_space_family
+from daest.systems.linear.state_space import state_space_family
+from daest.systems.reduction.initialize import initial_point
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.reduction.redundant import matching_states, needs_redundant_states, redundant_model
+from daest.systems.simulation.integrate import integrate, integrator
+from daest.systems.simulation.simulate import simulate
 
 KINDS = ("ekf", "ukf", "particle")
 INTENSITY, STD = np.array([1e-2, 1e-3]), np.array([0.1, 0.05])

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from daest.estimation.coordinates import Unknowns, objective
+from daest.estimation.fitting.coordinates import Unknowns, objective
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import pytest
 from nonlinear_models import explicit_from, linear_servo, oscillator
 from scipy.linalg import expm, solve_discrete_are
 
-from daest.estimation.observer import AverageModel, average_model, observer, sampled_average
+from daest.estimation.nonlinear.observer import AverageModel, average_model, observer, sampled_average
 
 
 def van_loan(A, Q, h):

@@ -9,8 +9,8 @@ from nonlinear_models import experiment_of, friction_servo
 from test_filter import random_dae
 
 from daest.estimation.filter import run_filter
-from daest.estimation.online_gaussian import online_gaussian
-from daest.estimation.online_kalman import online_kalman
+from daest.estimation.streaming.online_gaussian import online_gaussian
+from daest.estimation.streaming.online_kalman import online_kalman
 from daest.model.estimates import FilterOptions, InitialState, Sample
 from daest.model.experiment import Experiment
 

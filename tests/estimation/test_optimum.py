@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daest.estimation.coordinates import Coordinate, Unknowns
-from daest.estimation.optimum import Search, best_point, scanned
-from daest.estimation.search import Evaluation
+from daest.estimation.fitting.coordinates import Coordinate, Unknowns
+from daest.estimation.fitting.optimum import Search, best_point, scanned
+from daest.estimation.fitting.search import Evaluation
 
 ORACLES = str(Path(__file__).resolve().parents[2] / "benchmarks" / "oracles")
 TOLERATED = 0.01  # in log-likelihood

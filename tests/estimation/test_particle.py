@@ -8,12 +8,17 @@ import pytest
 from nonlinear_models import explicit_from, oscillator, random_record
 
 from daest.errors import EstimationError
-from daest.estimation.ekf import run_ekf
-from daest.estimation.filter_task import Noise, Start, Task, record
-from daest.estimation.nonlinear_smoother import smooth_ekf
-from daest.estimation.particle import ContinuousPoints, run_particles, smooth_particles, systematic
-from daest.systems.local_linear import local_model
-from daest.systems.simulate import simulate
+from daest.estimation.filter_engines.ekf import run_ekf
+from daest.estimation.filter_engines.filter_task import Noise, Start, Task, record
+from daest.estimation.filter_engines.nonlinear_smoother import smooth_ekf
+from daest.estimation.filter_engines.particle import (
+    ContinuousPoints,
+    run_particles,
+    smooth_particles,
+    systematic,
+)
+from daest.systems.simulation.local_linear import local_model
+from daest.systems.simulation.simulate import simulate
 
 
 @dataclass(frozen=True)

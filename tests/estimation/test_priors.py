@@ -10,16 +10,21 @@ import pytest
 from nonlinear_models import experiment_of, explicit_from, oscillator, setup_of
 
 from daest.errors import EXPLANATIONS, EstimationError
-from daest.estimation.coordinates import Unknowns, coordinate_with_prior, parameter_coordinate, with_priors
-from daest.estimation.coordinates import objective as objective_of
+from daest.estimation.fitting.coordinates import (
+    Unknowns,
+    coordinate_with_prior,
+    parameter_coordinate,
+    with_priors,
+)
+from daest.estimation.fitting.coordinates import objective as objective_of
+from daest.estimation.fitting.records import make_record
 from daest.estimation.identify import identify
-from daest.estimation.identify_nonlinear import identify_nonlinear
-from daest.estimation.linear_predictors import Problem
-from daest.estimation.records import make_record
+from daest.estimation.linear.linear_predictors import Problem
+from daest.estimation.nonlinear.identify_nonlinear import identify_nonlinear
 from daest.model.fit import IdentifyOptions, NoiseChoice
 from daest.model.parts import Prior
-from daest.systems.simulate import simulate
-from daest.systems.state_space import sample, state_space
+from daest.systems.linear.state_space import sample, state_space
+from daest.systems.simulation.simulate import simulate
 
 TRUE = {"d": 0.0226, "c": 1.4367, "J1": 6.838e-6, "J2": 0.02054, "R": 4.316, "k": 0.0675, "n": 30.0}
 STD = (0.02, 0.01)

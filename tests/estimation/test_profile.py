@@ -11,16 +11,16 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import binom, chi2
 
 from daest.errors import EXPLANATIONS, EstimationError
-from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
-from daest.estimation.ekf_likelihood import identify_by_ekf
+from daest.estimation.fitting.coordinates import Coordinate, Unknowns, parameter_coordinate
+from daest.estimation.fitting.profile import Searched, with_profiles
+from daest.estimation.fitting.search import Evaluation, minimise
 from daest.estimation.identify import identify
-from daest.estimation.identify_nonlinear import identify_nonlinear
-from daest.estimation.profile import Searched, with_profiles
-from daest.estimation.search import Evaluation, minimise
+from daest.estimation.nonlinear.ekf_likelihood import identify_by_ekf
+from daest.estimation.nonlinear.identify_nonlinear import identify_nonlinear
 from daest.model.fit import IdentifyOptions, NoiseChoice
 from daest.report.documents.fit import document
-from daest.systems.simulate import simulate
-from daest.systems.state_space import sample, state_space
+from daest.systems.linear.state_space import sample, state_space
+from daest.systems.simulation.simulate import simulate
 
 TRUE = {"d": 0.0226, "c": 1.4367, "J1": 6.838e-6, "J2": 0.02054, "R": 4.316, "k": 0.0675, "n": 30.0}
 THRESHOLD = chi2.ppf(0.95, 1)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from daest.estimation import search
-from daest.estimation.search import Evaluation, _Course, _leaped, minimise
+from daest.estimation.fitting import search
+from daest.estimation.fitting.search import Evaluation, _Course, _leaped, minimise
 
 FREE = np.full(2, np.inf)
 

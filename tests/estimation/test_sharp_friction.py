@@ -9,13 +9,13 @@ import pytest
 from nonlinear_models import SERVO, experiment_of, explicit_from, friction_servo, setup_of
 from scipy.stats import chi2
 
-from daest.estimation.coordinates import Coordinate, Unknowns
-from daest.estimation.ekf import run_ekf
-from daest.estimation.ekf_likelihood import identify_by_ekf
-from daest.estimation.filter_task import Noise, Start, record
+from daest.estimation.filter_engines.ekf import run_ekf
+from daest.estimation.filter_engines.filter_task import Noise, Start, record
+from daest.estimation.fitting.coordinates import Coordinate, Unknowns
+from daest.estimation.nonlinear.ekf_likelihood import identify_by_ekf
 from daest.model.fit import IdentifyOptions
-from daest.systems.integrate import integrate, integrator
-from daest.systems.local_linear import local_model
+from daest.systems.simulation.integrate import integrate, integrator
+from daest.systems.simulation.local_linear import local_model
 
 WIDTH = 0.02  # rad/s, over which the friction is rounded; the noise moves the speed by 0.13 rad/s per sample
 INTENSITY, STD = np.full(2, 1e-4), np.array([0.02, 0.01])

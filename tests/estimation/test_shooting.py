@@ -9,15 +9,15 @@ from nonlinear_models import experiment_of, explicit_from, oscillator, setup_of
 from scipy.linalg import expm, null_space
 from scipy.optimize import least_squares
 
-from daest.estimation import nonlinear_search
-from daest.estimation.coordinates import Unknowns, objective, parameter_coordinate
-from daest.estimation.identify_nonlinear import identify_nonlinear
-from daest.estimation.search import minimise
-from daest.estimation.shooting import _Closing, _Tied, search_by_shooting, shooting_of, start_of
-from daest.estimation.trajectories import TrajectoryProblem
+from daest.estimation.fitting.coordinates import Unknowns, objective, parameter_coordinate
+from daest.estimation.fitting.search import minimise
+from daest.estimation.nonlinear import nonlinear_search
+from daest.estimation.nonlinear.identify_nonlinear import identify_nonlinear
+from daest.estimation.nonlinear.shooting import _Closing, _Tied, search_by_shooting, shooting_of, start_of
+from daest.estimation.nonlinear.trajectories import TrajectoryProblem
 from daest.model.fit import IdentifyOptions
-from daest.systems.integrate import integrator
-from daest.systems.simulate import simulate
+from daest.systems.simulation.integrate import integrator
+from daest.systems.simulation.simulate import simulate
 
 
 def pendulum():

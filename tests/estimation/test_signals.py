@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from daest.estimation.signals import fit_percent, white_part
+from daest.estimation.fitting.signals import fit_percent, white_part
 
 
 def test_fit_is_that_of_the_field_with_a_mean_for_every_recording():

@@ -6,8 +6,8 @@ from dense_gaussian import DenseRecord, random_model, simulate_record
 from numpy.testing import assert_allclose
 from test_kalman import assert_moments, random_case, record_with_gaps, textbook
 
-from daest.estimation.kalman import kalman_filter
-from daest.estimation.smoother import smooth
+from daest.estimation.filter_engines.kalman import kalman_filter
+from daest.estimation.filter_engines.smoother import smooth
 from daest.model.estimates import InitialState
 
 

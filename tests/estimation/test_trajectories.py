@@ -9,12 +9,12 @@ import pytest
 from nonlinear_models import experiment_of, oscillator, time_grid
 from scipy.integrate import solve_ivp
 
-from daest.estimation import trajectories
-from daest.estimation.coordinates import Unknowns, objective, parameter_coordinate
-from daest.estimation.trajectories import TrajectoryProblem, prediction_errors, whitened
+from daest.estimation.fitting.coordinates import Unknowns, objective, parameter_coordinate
+from daest.estimation.nonlinear import trajectories
+from daest.estimation.nonlinear.trajectories import TrajectoryProblem, prediction_errors, whitened
 from daest.modelica.compile import compile_text
-from daest.systems.integrate import integrator
-from daest.systems.reduce import reduce_index
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import integrator
 
 TIME = time_grid(120, 0.1)
 INPUTS = np.repeat(np.random.default_rng(3).standard_normal(12), 10)[:, None]

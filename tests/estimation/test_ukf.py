@@ -6,11 +6,11 @@ import pytest
 from nonlinear_models import friction_servo, linear_servo, oscillator, random_record, time_grid
 from test_ekf import EQUAL, NOISE, START, kalman
 
-from daest.estimation.ekf import run_ekf
-from daest.estimation.filter_task import Noise, Start, record
-from daest.estimation.nonlinear_smoother import smooth_ekf, smooth_ukf
-from daest.estimation.ukf import SigmaPoints, run_ukf
-from daest.systems.local_linear import local_model
+from daest.estimation.filter_engines.ekf import run_ekf
+from daest.estimation.filter_engines.filter_task import Noise, Start, record
+from daest.estimation.filter_engines.nonlinear_smoother import smooth_ekf, smooth_ukf
+from daest.estimation.filter_engines.ukf import SigmaPoints, run_ukf
+from daest.systems.simulation.local_linear import local_model
 
 
 @pytest.mark.parametrize("points", [SigmaPoints(), SigmaPoints(0.5, 2.0, 0.0)])

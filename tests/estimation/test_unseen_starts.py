@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from daest.estimation import nonlinear_start as starting
+from daest.estimation.nonlinear import nonlinear_start as starting
 
 RUN = np.concatenate([np.full((10, 1), -150.0), np.full((90, 1), 14.0)])  # states of a run that comes back
 

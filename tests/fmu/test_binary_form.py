@@ -7,8 +7,8 @@ import pytest
 from ball_fmu import ball, fall
 from fmu_archives import changed
 
-from daest.diagnosis.compare import compare_models
-from daest.diagnosis.trial import Candidate
+from daest.diagnosis.comparison.compare import compare_models
+from daest.diagnosis.comparison.trial import Candidate
 from daest.errors import FmuError, ModelError
 from daest.estimation.filter import run_filter
 from daest.estimation.identify import identify
@@ -20,13 +20,13 @@ from daest.model.fit import IdentifyOptions
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.modelica.change import declare, with_noises
 from daest.modelica.compile import compile_model
-from daest.systems.initialize import initial_point
-from daest.systems.integrate import integrator
-from daest.systems.linearize import has_affine_dynamics, is_affine_model, linearize
-from daest.systems.local_linear import local_model
-from daest.systems.reduce import dynamics
-from daest.systems.simulate import simulate, values_along
-from daest.systems.state_space import family_along
+from daest.systems.linear.linearize import has_affine_dynamics, is_affine_model, linearize
+from daest.systems.linear.state_space import family_along
+from daest.systems.reduction.initialize import initial_point
+from daest.systems.reduction.reduce import dynamics
+from daest.systems.simulation.integrate import integrator
+from daest.systems.simulation.local_linear import local_model
+from daest.systems.simulation.simulate import simulate, values_along
 
 TIME = np.linspace(0.0, 2.0, 81)
 FORCE = 9.81 + 3.0 * np.sin(3.0 * TIME) + 2.0 * np.cos(7.0 * TIME)

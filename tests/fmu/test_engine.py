@@ -13,9 +13,9 @@ from daest.fmu import binary_form
 from daest.fmu.binary_model import binary_model
 from daest.fmu.engine import engine_library
 from daest.fmu.runner import Runner
-from daest.systems.integrate import integrate, integrator
-from daest.systems.integration import Correction, IntegrationError
-from daest.systems.reduce import dynamics
+from daest.systems.events.integration import Correction, IntegrationError
+from daest.systems.reduction.reduce import dynamics
+from daest.systems.simulation.integrate import integrate, integrator
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="built for Linux")
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from daest.errors import EstimationError
-from daest.estimation.estimator import estimator_model
 from daest.estimation.filter import run_filter
-from daest.estimation.online_filter import online_filter
+from daest.estimation.streaming.estimator import estimator_model
+from daest.estimation.streaming.online_filter import online_filter
 from daest.fmu.estimator_code import estimator_files
 from daest.fmu.estimator_nonlinear import arithmetic
 from daest.model.estimates import FilterOptions, InitialState, Sample

@@ -8,8 +8,8 @@ import pytest
 from fmpy import fmi2, fmi3
 from test_estimator_c import NONLINEAR, PLANT, agree, record
 
-from daest.estimation.estimator import estimator_model
 from daest.estimation.filter import run_filter
+from daest.estimation.streaming.estimator import estimator_model
 from daest.fmu.estimator_fmu import export_estimator_fmu
 from daest.model.estimates import FilterOptions, InitialState
 from daest.model.experiment import Experiment

@@ -9,7 +9,7 @@ from fmpy import simulate_fmu
 from daest.fmu.binary_model import binary_model
 from daest.fmu.export import export_fmu
 from daest.modelica.compile import compile_text
-from daest.systems.simulate import simulate
+from daest.systems.simulation.simulate import simulate
 
 MACHINE = """model Machine "State events with reinit, samples, time events, whole parts, a hysteresis"
   parameter Real e = 0.8;

@@ -11,8 +11,8 @@ from daest.fmu import binary_form
 from daest.fmu.binary_model import binary_model
 from daest.fmu.drive import STEPS, Law
 from daest.fmu.outside import input_law, program_of, sensor_fault
-from daest.modelica.effects import effect_library, find_effect
-from daest.systems.integration import Run
+from daest.modelica.effects.catalogue import effect_library, find_effect
+from daest.systems.events.integration import Run
 from daest.systems.tolerances import SOLVER
 
 TIME = np.linspace(0.0, 2.0, 41)

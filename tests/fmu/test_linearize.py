@@ -18,7 +18,7 @@ from daest.fmu.load import load_fmu
 from daest.fmu.points import difference
 from daest.fmu.runner import Evaluated
 from daest.numerics.compiler import build_shared
-from daest.systems.linearize import linear_dae_function, linearize
+from daest.systems.linear.linearize import linear_dae_function, linearize
 
 TIGHT = 1e-12
 

@@ -10,9 +10,9 @@ from daest.fmu.binary_model import binary_model
 from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
 from daest.modelica.change import declare
-from daest.systems.linearize import has_affine_dynamics, is_affine_model
-from daest.systems.reduce import dynamics
-from daest.systems.simulate import simulate
+from daest.systems.linear.linearize import has_affine_dynamics, is_affine_model
+from daest.systems.reduction.reduce import dynamics
+from daest.systems.simulation.simulate import simulate
 
 TIME = 0.05 + 0.1 * np.arange(40)  # no sample falls on an event
 TIME[0] = 0.0

@@ -15,7 +15,7 @@ from daest.fmu.linearize import cross_check_fmu, linearize_fmu, matrices_apart
 from daest.fmu.load import symbolic_model
 from daest.fmu.serialization import portable
 from daest.modelica.compile import compile_model
-from daest.systems.linearize import linearize
+from daest.systems.linear.linearize import linearize
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = (

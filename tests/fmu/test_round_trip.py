@@ -9,9 +9,9 @@ from fmu_archives import changed
 from daest.fmu.binary_model import binary_model
 from daest.fmu.export import export_fmu
 from daest.modelica.compile import compile_model
-from daest.systems.linearize import is_affine_model, linearize
-from daest.systems.simulate import simulate
-from daest.systems.split import split
+from daest.systems.linear.linearize import is_affine_model, linearize
+from daest.systems.linear.split import split
+from daest.systems.simulation.simulate import simulate
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MODELS = sorted(path for folder in EXAMPLES.iterdir() for path in folder.glob("*.mo"))

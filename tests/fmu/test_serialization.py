@@ -11,7 +11,7 @@ from fmu_archives import changed, member
 from daest.errors import FmuError
 from daest.fmu import serialization
 from daest.fmu.load import symbolic_model
-from daest.systems.linearize import linear_dae_function
+from daest.systems.linear.linearize import linear_dae_function
 
 WORDS = f"{serialization.FOLDER}/{serialization.WORDS}"
 EXPRESSIONS = f"{serialization.FOLDER}/{serialization.EXPRESSIONS}"

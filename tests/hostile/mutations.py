@@ -189,9 +189,9 @@ def damaged_archive(rng: np.random.Generator, folder: Path) -> str:
 def strange_values(rng: np.random.Generator, folder: Path) -> str:
     """A model that compiles, at parameters that no machine has: linearized, or simulated."""
     from daest.data.read import Signal, read_experiments
-    from daest.systems.linearize import linearize
-    from daest.systems.simulate import simulate
-    from daest.systems.split import split
+    from daest.systems.linear.linearize import linearize
+    from daest.systems.linear.split import split
+    from daest.systems.simulation.simulate import simulate
 
     name = list(MODELS)[rng.integers(len(MODELS))]
     flat = compiled(name)

@@ -8,7 +8,7 @@ import pytest
 
 from daest.errors import ModelError, NumericalError
 from daest.modelica.compile import compile_text
-from daest.systems.simulate import simulate
+from daest.systems.simulation.simulate import simulate
 
 GEARS = """package Gears
   constant Real efficiency = 0.9;
@@ -90,7 +90,7 @@ def test_algorithm_sections_are_read_from_the_text():
 
 
 def test_a_switch_of_an_equation_that_chatters_is_named(monkeypatch):
-    monkeypatch.setattr("daest.systems.hybrid.MOST_DENSE", 50)
+    monkeypatch.setattr("daest.systems.events.hybrid.MOST_DENSE", 50)
     text = "model M Real x(start = 1, fixed = true); equation der(x) = if x < 0 then 1 else -1; end M;"
     with pytest.raises(NumericalError) as caught:
         run(text, np.linspace(0, 2, 11))

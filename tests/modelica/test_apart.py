@@ -14,8 +14,8 @@ import pytest
 
 from daest.cache import is_whole, keep_content, kept_content, put_whole
 from daest.errors import ModelError
-from daest.modelica import apart, compiler
 from daest.modelica.compile import compile_text
+from daest.modelica.compiling import apart, compiler
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="processes of POSIX")
 MODEL = """\

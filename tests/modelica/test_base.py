@@ -11,8 +11,8 @@ import scipy.linalg
 
 from daest.errors import ModelError
 from daest.modelica.compile import compile_model
-from daest.modelica.dialect import without_quotes
-from daest.systems.linearize import linearize
+from daest.modelica.forms.dialect import without_quotes
+from daest.systems.linear.linearize import linearize
 
 OSCILLATOR = (Path(__file__).parent / "models" / "Oscillator.bmo").read_text()
 

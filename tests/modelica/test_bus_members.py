@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from daest.modelica.bus_members import bus_members, expandable_connectors, with_members
-from daest.modelica.components import Classes
-from daest.systems.simulate import simulate
+from daest.modelica.forms.bus_members import bus_members, expandable_connectors, with_members
+from daest.modelica.language.components import Classes
+from daest.systems.simulation.simulate import simulate
 
 PLANT = """package Plant
   connector Input = input Real;

@@ -12,7 +12,7 @@ from daest.errors import ModelError
 from daest.model.flat import FlatModel
 from daest.modelica.change import declare, with_values
 from daest.modelica.compile import compile_model
-from daest.modelica.places import resolve_place
+from daest.modelica.places.place_names import resolve_place
 
 MODELS = Path(__file__).parent / "models"
 

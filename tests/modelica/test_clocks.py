@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from daest.errors import ModelError
-from daest.modelica.balances import balances
-from daest.modelica.effects import find_effect
-from daest.modelica.extend import extend_model
-from daest.modelica.sites import find_site
-from daest.systems.integrate import integrate, integrator
-from daest.systems.modes import in_starting_mode
-from daest.systems.reduce import reduce_index
-from daest.systems.simulate import simulate
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.effects.extend import extend_model
+from daest.modelica.places.balances import balances
+from daest.modelica.places.sites import find_site
+from daest.systems.events.modes import in_starting_mode
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import integrate, integrator
+from daest.systems.simulation.simulate import simulate
 
 OPERATORS = """model Operators
   Clock c = Clock(1, 10);

@@ -5,8 +5,8 @@ import pytest
 
 import daest
 from daest.errors import ModelError
-from daest.modelica.components import Classes
-from daest.systems.simulate import simulate
+from daest.modelica.language.components import Classes
+from daest.systems.simulation.simulate import simulate
 
 OPERATORS = {
     "'-'": ("-c1", "negate", "Complex(-c1.re, -c1.im)"),

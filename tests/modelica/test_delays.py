@@ -7,9 +7,9 @@ from daest.errors import ModelError
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
-from daest.modelica.delays import window_dynamics
-from daest.systems.linearize import linearize
-from daest.systems.simulate import simulate
+from daest.modelica.flat.delays import window_dynamics
+from daest.systems.linear.linearize import linearize
+from daest.systems.simulation.simulate import simulate
 
 SINES = """model Sines
   parameter Real T(unit = "s") = 0.5;

@@ -7,10 +7,10 @@ import pytest
 
 import daest
 from daest.errors import ModelError
-from daest.modelica.dialect import adapted, external_objects
-from daest.modelica.excerpt import excerpt
-from daest.systems.linearize import linearize
-from daest.systems.simulate import simulate
+from daest.modelica.forms.dialect import adapted, external_objects
+from daest.modelica.forms.excerpt import excerpt
+from daest.systems.linear.linearize import linearize
+from daest.systems.simulation.simulate import simulate
 
 FILES = {
     "package.mo": 'within ;\npackage Base\n  annotation(version = "2.1.0");\nend Base;\n',

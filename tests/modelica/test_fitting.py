@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from daest.errors import ModelError
-from daest.systems.simulate import simulate
+from daest.systems.simulation.simulate import simulate
 
 PLANT = """package Plant
   connector Input = input Real;

@@ -13,7 +13,7 @@ import pytest
 
 from daest.errors import ModelError
 from daest.modelica.compile import compile_text, with_own_forms, with_own_modifications
-from daest.systems.simulate import simulate
+from daest.systems.simulation.simulate import simulate
 
 PART = """model Part
   parameter Real k(min = 0, unit = "N") = 2;

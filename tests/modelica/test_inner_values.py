@@ -9,7 +9,7 @@ import pytest
 
 from daest.errors import ModelError
 from daest.modelica.compile import compile_text
-from daest.systems.simulate import simulate
+from daest.systems.simulation.simulate import simulate
 
 _SYSTEM = """within ;
 model Sys

@@ -9,8 +9,9 @@ import pytest
 
 from daest.errors import EXPLANATIONS, ModelError, Place
 from daest.model.flat import FlatModel
-from daest.modelica import apart, failures
 from daest.modelica.compile import compile_model
+from daest.modelica.compiling import apart
+from daest.modelica.language import failures
 
 Compile = Callable[..., FlatModel]
 

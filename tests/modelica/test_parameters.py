@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from daest.systems.simulate import simulate
+from daest.systems.simulation.simulate import simulate
 
 
 def test_a_parameter_bound_to_one_that_the_start_settles(compiled):

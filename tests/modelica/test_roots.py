@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import daest
-from daest.modelica import compiler
-from daest.modelica.library import BYTE_ORDER_MARK, readable_roots
-from daest.systems.split import split
-from daest.systems.transfer import poles
+from daest.modelica.compiling import compiler
+from daest.modelica.language.library import BYTE_ORDER_MARK, readable_roots
+from daest.systems.linear.split import split
+from daest.systems.linear.transfer import poles
 
 MODEL = """model M
   input Real u(start = 0);

@@ -10,9 +10,9 @@ from scipy.interpolate import RegularGridInterpolator
 
 from daest.errors import ModelError
 from daest.modelica.compile import compile_text
-from daest.modelica.dialect import adapted
-from daest.modelica.table_files import Folders, TableFileError, read_table
-from daest.systems.simulate import simulate
+from daest.modelica.forms.dialect import adapted
+from daest.modelica.language.table_files import Folders, TableFileError, read_table
+from daest.systems.simulation.simulate import simulate
 
 TEXT = """#1
 # two tables

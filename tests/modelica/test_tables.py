@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import Akima1DInterpolator, PchipInterpolator
 
-from daest.modelica import tables
 from daest.modelica.compile import compile_text
-from daest.modelica.table_files import Folders
-from daest.modelica.values import from_flat
-from daest.systems.simulate import simulate
+from daest.modelica.flat import tables
+from daest.modelica.language.table_files import Folders
+from daest.modelica.language.values import from_flat
+from daest.systems.simulation.simulate import simulate
 
 
 def called(name: str, arguments):

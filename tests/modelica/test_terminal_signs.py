@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from daest.modelica.compile import compile_text
-from daest.modelica.terminals import terminals
+from daest.modelica.places.terminals import terminals
 
 CELL = """model Cell
   parameter Real R(unit = "Ohm") = 0.02;

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daest.modelica import syntax as s
-from daest.modelica.outline import tokens
-from daest.modelica.parse import Parser
-from daest.modelica.text import number_text, text
+from daest.modelica.language import syntax as s
+from daest.modelica.language.outline import tokens
+from daest.modelica.language.parse import Parser
+from daest.modelica.language.text import number_text, text
 
 
 def parsed(source: str) -> s.Node:

@@ -3,7 +3,7 @@
 import casadi as ca
 import pytest
 
-from daest.modelica.values import power
+from daest.modelica.language.values import power
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ from daest.errors import FmuError
 from daest.fmu.export import export_fmu
 from daest.fmu.load import load_fmu
 from daest.numerics import compiler
-from daest.systems.integrate import integrator
-from daest.systems.reduce import reduce_index
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import integrator
 
 SOURCE = "double twice(double x) { return FACTOR * x; }"
 

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from daest.estimation.search import Evaluation, minimise
+from daest.estimation.fitting.search import Evaluation, minimise
 from daest.numerics.deadline import OutOfTimeError, check, left, until
 from daest.numerics.parallel import workers
 

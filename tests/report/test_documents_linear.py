@@ -16,10 +16,10 @@ from daest.report.documents import linearize as linearize_documents
 from daest.report.documents import noise as noise_documents
 from daest.report.texts import linearize as linearize_texts
 from daest.report.texts import noise as noise_texts
-from daest.systems.linearize import linearize, theta_entries
-from daest.systems.noise import noise_report
-from daest.systems.split import split
-from daest.systems.transfer import transfer_functions
+from daest.systems.linear.linearize import linearize, theta_entries
+from daest.systems.linear.noise import noise_report
+from daest.systems.linear.split import split
+from daest.systems.linear.transfer import transfer_functions
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ from daest.report.frequency_figure import linear_figure
 from daest.report.groups import component, grouped, owner, stretches
 from daest.report.result_figures import filter_figure, fit_figure, simulation_figure
 from daest.report.structure_figure import noise_figure
-from daest.systems.transfer import TransferFunction
+from daest.systems.linear.transfer import TransferFunction
 
 UNIT = re.compile(r"\[[^\]]+\]")
 NUMBER = re.compile(r"[\u2212-]?[\d.]+|\$.*\$")

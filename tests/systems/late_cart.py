@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from daest.modelica.compile import compile_model
-from daest.systems.reduce import reduce_index
+from daest.systems.reduction.reduce import reduce_index
 
 SOURCE = Path(__file__).parent / "models" / "LateCart.mo"
 PERIOD = 0.02

@@ -12,11 +12,11 @@ from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
 from daest.modelica.compile import compile_model
-from daest.systems.linearize import has_affine_dynamics, is_affine_model, linearize
-from daest.systems.noise import noise_report
-from daest.systems.reduce import reduce_index
-from daest.systems.simulate import simulate
-from daest.systems.state_space import state_space, state_space_family
+from daest.systems.linear.linearize import has_affine_dynamics, is_affine_model, linearize
+from daest.systems.linear.noise import noise_report
+from daest.systems.linear.state_space import state_space, state_space_family
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.simulate import simulate
 
 SOURCE = Path(__file__).parent / "models" / "HeatedServo.mo"
 HOT = 2.0 * (1.0 + 0.004 * (350.0 - 300.15))  # ohms

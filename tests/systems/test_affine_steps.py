@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from flat_models import Draft
 
-from daest.systems.integrate import AffineIntegrator, integrate, integrator
-from daest.systems.integration import Correction
-from daest.systems.reduce import reduce_index
+from daest.systems.events.integration import Correction
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import AffineIntegrator, integrate, integrator
 
 NAMES = ("J", "c", "gain")
 PERIOD = 0.02

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from daest.modelica.compile import compile_text
-from daest.systems.linearize import linearize, operating_point
-from daest.systems.split import split
-from daest.systems.transfer import poles
+from daest.systems.linear.linearize import linearize, operating_point
+from daest.systems.linear.split import split
+from daest.systems.linear.transfer import poles
 
 WARM = b"""model Warm "a capacitor that discharges over a resistor whose resistance depends on a temperature"
   input Real u(start = 0);

@@ -15,7 +15,7 @@ from dae_problems import problems  # noqa: E402
 from dae_test_set import POINTS, RTOLS, Case  # noqa: E402
 
 import daest  # noqa: E402
-from daest.systems.reduce import reduce_index  # noqa: E402
+from daest.systems.reduction.reduce import reduce_index  # noqa: E402
 
 EVERY = problems()
 QUICK = [

@@ -8,11 +8,11 @@ import pytest
 from late_cart import PERIOD, cart, recording
 from scipy.integrate import solve_ivp
 
-from daest.estimation.shooting import _with_states
-from daest.systems.driven_chain import driven_chain, driving
-from daest.systems.initialize import initial_point
-from daest.systems.integrate import ChainIntegrator, integrate, integrator
-from daest.systems.integration import Correction
+from daest.estimation.nonlinear.shooting import _with_states
+from daest.systems.events.integration import Correction
+from daest.systems.reduction.initialize import initial_point
+from daest.systems.simulation.driven_chain import driven_chain, driving
+from daest.systems.simulation.integrate import ChainIntegrator, integrate, integrator
 
 NAMES = ("m", "T", "a")
 
@@ -187,7 +187,7 @@ def test_records_on_one_clock_take_the_steps_of_one_matrix(monkeypatch):
     lengths = [np.full(n, PERIOD) for n in counts]
     given = [(u[: n + 1][:-1], u[: n + 1][1:], None) for n in counts]
     joined = (*(np.concatenate([one[i] for one in given]) for i in (0, 1)), None)
-    monkeypatch.delattr("daest.systems.driven_chain.varying_recursion")
+    monkeypatch.delattr("daest.systems.simulation.driven_chain.varying_recursion")
     both = driving(chain, theta, columns, lengths, joined, starts)
     alone = [
         driving(chain, theta, columns, [own], one, start[None])

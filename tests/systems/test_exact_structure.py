@@ -8,11 +8,11 @@ import pytest
 from flat_models import Draft, report_servo
 
 from daest.model.noise import GenericVerdict
-from daest.systems.exact_structure import exact_structure, generic_structure
-from daest.systems.linearize import linearize
-from daest.systems.noise import noise_report
-from daest.systems.split import split
-from daest.systems.transfer import poles
+from daest.systems.linear.exact_structure import exact_structure, generic_structure
+from daest.systems.linear.linearize import linearize
+from daest.systems.linear.noise import noise_report
+from daest.systems.linear.split import split
+from daest.systems.linear.transfer import poles
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "oracles"))
 import pencils

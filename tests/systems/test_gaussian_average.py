@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from daest.systems.gaussian_average import averaged
+from daest.systems.simulation.gaussian_average import averaged
 
 
 def quadrature(f, mean, std):

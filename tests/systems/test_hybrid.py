@@ -7,14 +7,14 @@ import pytest
 
 import daest
 from daest.errors import ModelError, NumericalError
-from daest.estimation.estimator import estimator_model
+from daest.estimation.streaming.estimator import estimator_model
 from daest.modelica.compile import compile_text
-from daest.systems.integrate import integrate, integrator
-from daest.systems.linearize import linearize
-from daest.systems.modes import in_starting_mode
-from daest.systems.reduce import reduce_index
-from daest.systems.simulate import simulate
-from daest.systems.switches import with_switches
+from daest.systems.events.modes import in_starting_mode
+from daest.systems.events.switches import with_switches
+from daest.systems.linear.linearize import linearize
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import integrate, integrator
+from daest.systems.simulation.simulate import simulate
 
 BALL = """model Ball
   parameter Real e = 0.97;
@@ -435,7 +435,7 @@ def test_an_element_of_a_boolean_array_without_a_definition_is_told():
 
 
 def test_chattering_names_the_switch(monkeypatch):
-    monkeypatch.setattr("daest.systems.hybrid.MOST_DENSE", 50)
+    monkeypatch.setattr("daest.systems.events.hybrid.MOST_DENSE", 50)
     text = "model C Real x(start = 1, fixed = true); Boolean b; Integer n(start = 0, fixed = true);\n"
     text += "equation b = x > 0; der(x) = if b then -1 else 1; when b then n = pre(n) + 1; end when; end C;"
     with pytest.raises(NumericalError) as caught:

@@ -7,8 +7,8 @@ from dae_models import FlatBuilder, cubic_loop, pendulum, rc_pair, servo
 from scipy.optimize import brentq
 
 from daest.errors import ModelError
-from daest.systems.initialize import begun_beside, initial_point
-from daest.systems.reduce import reduce_index
+from daest.systems.reduction.initialize import begun_beside, initial_point
+from daest.systems.reduction.reduce import reduce_index
 
 
 def test_fixed_starts_and_dependent_variables():

@@ -8,10 +8,10 @@ from daest.errors import ModelError
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
-from daest.systems.input_slopes import acting_slopes, acting_slopes_of, theta_in_use
-from daest.systems.reduce import reduce_index
-from daest.systems.simulate import simulate
-from daest.systems.state_space import state_space, state_space_family
+from daest.systems.linear.state_space import state_space, state_space_family
+from daest.systems.reduction.input_slopes import acting_slopes, acting_slopes_of, theta_in_use
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.simulate import simulate
 
 TIME = 0.01 * np.arange(400)
 

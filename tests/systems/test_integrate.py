@@ -9,9 +9,9 @@ from flat_models import Draft
 from scipy.integrate import solve_ivp
 
 from daest.errors import ModelError
-from daest.systems.integrate import integrate, integrator, interval_inputs
-from daest.systems.integration import Correction, IntegrationError
-from daest.systems.reduce import reduce_index
+from daest.systems.events.integration import Correction, IntegrationError
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import integrate, integrator, interval_inputs
 
 PARAMETERS = {"J": 0.02, "d": 0.05, "c": 2.0, "stick": 0.3, "width": 0.01}
 NAMES = ("J", "c", "stick")

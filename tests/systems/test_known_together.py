@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from daest.modelica.compile import compile_text
-from daest.systems.known_together import told_apart
-from daest.systems.reduce import reduce_index
+from daest.systems.reduction.known_together import told_apart
+from daest.systems.reduction.reduce import reduce_index
 
 BODY = """model Body
   parameter Real m = 2;

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from daest.numerics.compiler import build_shared, pointer, processor_flags, text_of
-from daest.systems.lane_code import lane_function
+from daest.systems.simulation.lane_code import lane_function
 
 N_POINTS = 16  # several blocks of lanes, whatever the processor
 LOOP = """

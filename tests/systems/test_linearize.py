@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from flat_models import SERVO, Draft, report_servo
 
 from daest.errors import ConfigError, NumericalError
-from daest.systems.linearize import (
+from daest.systems.linear.linearize import (
     MATRIX_NAMES,
     is_affine_model,
     linear_dae_function,
@@ -17,7 +17,7 @@ from daest.systems.linearize import (
     operating_point,
     theta_entries,
 )
-from daest.systems.state_space import state_space, state_space_family
+from daest.systems.linear.state_space import state_space, state_space_family
 
 
 def pendulum() -> Draft:

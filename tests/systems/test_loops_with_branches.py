@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from daest.modelica.compile import compile_text
-from daest.systems.integrate import integrate, integrator
-from daest.systems.reduce import _beyond, reduce_index
-from daest.systems.simulate import simulate
+from daest.systems.reduction.reduce import _beyond, reduce_index
+from daest.systems.simulation.integrate import integrate, integrator
+from daest.systems.simulation.simulate import simulate
 
 V, V0, RATIO = 15.0, 15000.0, 1.0 / 15.0
 THRESHOLD = RATIO * V - V * (1 + RATIO) / V0

@@ -9,9 +9,9 @@ import pytest
 from flat_models import Draft, add_noise, library_servo, report_servo, servo_draft
 
 from daest.errors import ConfigError
-from daest.systems.linearize import linearize
-from daest.systems.noise import noise_report
-from daest.systems.split import split
+from daest.systems.linear.linearize import linearize
+from daest.systems.linear.noise import noise_report
+from daest.systems.linear.split import split
 
 
 def exact_growth(dae) -> np.ndarray:

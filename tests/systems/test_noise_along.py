@@ -9,9 +9,9 @@ from flat_models import Draft, report_servo
 
 from daest.errors import NumericalError
 from daest.modelica.compile import compile_model, compile_text
-from daest.systems.linearize import linearize
-from daest.systems.noise import noise_report
-from daest.systems.noise_along import noise_along
+from daest.systems.linear.linearize import linearize
+from daest.systems.linear.noise import noise_report
+from daest.systems.simulation.noise_along import noise_along
 
 PENDULUM = Path(__file__).parents[1] / "estimation" / "models" / "Pendulum.mo"
 
@@ -81,7 +81,7 @@ def test_points_where_the_model_is_singular_are_named(monkeypatch):
             raise NumericalError("pencil-singular", "the pencil is singular")
         return linearize(*args, **options)
 
-    monkeypatch.setattr("daest.systems.noise_along.linearize", singular_early)
+    monkeypatch.setattr("daest.systems.simulation.noise_along.linearize", singular_early)
     time = np.linspace(0.0, 5.0, 101)
     found = noise_along(flat, (time, np.ones((101, 1))), hold="zoh", points=5)
     assert [t for t, _ in found.unjudged] == [0.0, 1.25] and "singular" in found.unjudged[0][1]

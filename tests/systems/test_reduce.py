@@ -21,11 +21,11 @@ from daest.errors import ModelError
 from daest.model.experiment import Experiment
 from daest.model.parts import NoiseInput
 from daest.modelica.compile import compile_text
-from daest.modelica.guesses import begun_as_recorded
-from daest.systems.linearize import linearize
-from daest.systems.noise import noise_report
-from daest.systems.reduce import chosen_states, reduce_index
-from daest.systems.simulate import _from_sample_to_sample, simulate
+from daest.modelica.flat.guesses import begun_as_recorded
+from daest.systems.linear.linearize import linearize
+from daest.systems.linear.noise import noise_report
+from daest.systems.reduction.reduce import chosen_states, reduce_index
+from daest.systems.simulation.simulate import _from_sample_to_sample, simulate
 
 MODELS = {
     "servo": lambda: servo(with_noise=True),

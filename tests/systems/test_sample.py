@@ -7,7 +7,7 @@ from scipy.signal import cont2discrete
 
 from daest.errors import ModelError
 from daest.model.linear import StateSpace
-from daest.systems.state_space import sample, sample_derivatives, stacked_inputs
+from daest.systems.linear.state_space import sample, sample_derivatives, stacked_inputs
 
 
 def state_space(A, B, G, C, D, H=None, b=None, d=None, input_derivatives=()):

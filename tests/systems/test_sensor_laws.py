@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from nonlinear_models import explicit_from
 
-from daest.systems.integrate import integrate, integrator
-from daest.systems.integration import Correction
-from daest.systems.sensor_laws import sensor_laws, slopes_along, steepest_slopes
+from daest.systems.events.integration import Correction
+from daest.systems.simulation.integrate import integrate, integrator
+from daest.systems.simulation.sensor_laws import sensor_laws, slopes_along, steepest_slopes
 
 
 def rounded(x):

@@ -11,10 +11,10 @@ from scipy.stats import chi2
 from daest.errors import ModelError, NumericalError
 from daest.model.experiment import Experiment
 from daest.report.documents.simulate import document, table
-from daest.systems.linearize import linearize
-from daest.systems.reduce import reduce_index
-from daest.systems.simulate import simulate
-from daest.systems.state_space import state_space, state_space_family
+from daest.systems.linear.linearize import linearize
+from daest.systems.linear.state_space import state_space, state_space_family
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.simulate import simulate
 
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
 

@@ -11,14 +11,13 @@ from scipy.integrate import solve_ivp
 
 from daest.data.prepare import resample
 from daest.estimation.filter import run_filter
-from daest.estimation.hold_search import is_smooth
 from daest.estimation.identify import identify
-from daest.estimation.online_filter import online_filter
+from daest.estimation.linear.hold_search import is_smooth
+from daest.estimation.streaming.online_filter import online_filter
 from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
-from daest.systems.simulate import simulate
-from daest.systems.state_space import (
+from daest.systems.linear.state_space import (
     family_for,
     sample,
     sample_derivatives,
@@ -27,6 +26,7 @@ from daest.systems.state_space import (
     state_space_derivatives,
     state_space_family,
 )
+from daest.systems.simulation.simulate import simulate
 
 PERIOD, N = 0.02, 600
 TRUTH = {"c": 300.0, "d": 8.0}

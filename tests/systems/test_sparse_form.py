@@ -11,11 +11,11 @@ import scipy.sparse as sp
 import daest
 from daest.errors import ModelError, NumericalError
 from daest.numerics.laurent import expand_at_infinity, inverse_columns, inverse_rows
-from daest.systems.noise import noise_report
-from daest.systems.sparse_form import sparse_form
-from daest.systems.split import split
-from daest.systems.standard_form import standard_form
-from daest.systems.transfer import poles, transfer_functions
+from daest.systems.linear.noise import noise_report
+from daest.systems.linear.sparse_form import sparse_form
+from daest.systems.linear.split import split
+from daest.systems.linear.standard_form import standard_form
+from daest.systems.linear.transfer import poles, transfer_functions
 
 MODELS = sorted(Path(__file__).parents[2].glob("examples/*/*.mo"))
 LARGE = Path(__file__).parent / "models"
@@ -83,7 +83,7 @@ FURTHER = (("Chain", 7), ("Rigid", 12), ("Gears", 6))
     ("name", "n"), [("Grid", 3), *(pytest.param(*case, marks=pytest.mark.slow) for case in FURTHER)]
 )
 def test_projection_norms_from_one_inverse(name, n, monkeypatch):
-    monkeypatch.setattr("daest.systems.nilpotent.SELECTED", 1)
+    monkeypatch.setattr("daest.systems.linear.nilpotent.SELECTED", 1)
     dae = large(name, n)
     assert_same_reports(noise_report(dae, split(dae)), noise_report(dae, sparse_form(dae)))
 
@@ -169,7 +169,7 @@ def combined(dae):
 
 
 def test_a_large_singular_model_names_the_equations(monkeypatch):
-    monkeypatch.setattr("daest.systems.split.ITERATED", 100)
+    monkeypatch.setattr("daest.systems.linear.split.ITERATED", 100)
     dae = large("Ladder", 45)
     E, J = sp.lil_array(dae.E), sp.lil_array(dae.J)
     J[[7]] = J[[8]] + J[[9]]
@@ -181,7 +181,7 @@ def test_a_large_singular_model_names_the_equations(monkeypatch):
 
 
 def test_too_large_for_dense_algebra_is_said_before_it_starts(monkeypatch):
-    monkeypatch.setattr("daest.systems.standard_form.DENSE_LIMIT", 400)
+    monkeypatch.setattr("daest.systems.linear.standard_form.DENSE_LIMIT", 400)
     with pytest.raises(ModelError) as caught:
         standard_form(combined(large("Ladder", 45)))
     assert caught.value.code == "model-too-large" and "GB" in str(caught.value)

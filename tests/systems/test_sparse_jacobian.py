@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 
-from daest.systems.expand import MANY, sparse_jacobian
+from daest.systems.reduction.expand import MANY, sparse_jacobian
 
 
 def test_full_rows_beside_full_columns():

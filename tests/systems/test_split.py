@@ -10,8 +10,8 @@ from flat_models import SERVO, Draft, library_servo, report_servo, servo_polynom
 
 from daest.errors import ModelError
 from daest.numerics.pencils import split_pencil
-from daest.systems.linearize import linearize
-from daest.systems.split import split
+from daest.systems.linear.linearize import linearize
+from daest.systems.linear.split import split
 
 
 def assert_rebuilt(dae, form, relative=1e-9):

@@ -7,8 +7,8 @@ import scipy.linalg
 from dae_models import cubic_loop, driven_position, pendulum, rc_pair, resistor_ladder, servo
 
 from daest.errors import ConfigError, ModelError
-from daest.systems.reduce import reduce_index
-from daest.systems.state_space import state_space, state_space_derivatives, state_space_family
+from daest.systems.linear.state_space import state_space, state_space_derivatives, state_space_family
+from daest.systems.reduction.reduce import reduce_index
 
 AFFINE = {
     "servo": lambda: servo(with_noise=True),

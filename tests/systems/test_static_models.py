@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daest.diagnosis.compare import Candidate, compare_models
+from daest.diagnosis.comparison.compare import Candidate, compare_models
 from daest.estimation.filter import FilterOptions, run_filter
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
-from daest.systems.linearize import linearize
-from daest.systems.split import split
+from daest.systems.linear.linearize import linearize
+from daest.systems.linear.split import split
 
 GAIN = b"""model Gain
   parameter Real a = 2 annotation(__Daest(estimate = true));

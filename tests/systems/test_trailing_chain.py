@@ -5,10 +5,16 @@ import numpy as np
 import pytest
 from late_cart import PERIOD, cart, recording
 
-from daest.systems.initialize import initial_point
-from daest.systems.integrate import TrailingIntegrator, integrate, integrate_all, integrator, record
-from daest.systems.integration import Correction
-from daest.systems.trailing_chain import trailing_chain
+from daest.systems.events.integration import Correction
+from daest.systems.reduction.initialize import initial_point
+from daest.systems.simulation.integrate import (
+    TrailingIntegrator,
+    integrate,
+    integrate_all,
+    integrator,
+    record,
+)
+from daest.systems.simulation.trailing_chain import trailing_chain
 
 NAMES = ("m", "T", "k")
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from flat_models import SERVO, Draft, library_servo, report_servo, servo_polynomials
 
-from daest.systems.linearize import linearize
-from daest.systems.split import split
-from daest.systems.transfer import poles, transfer_functions
+from daest.systems.linear.linearize import linearize
+from daest.systems.linear.split import split
+from daest.systems.linear.transfer import poles, transfer_functions
 
 
 def functions(flat):

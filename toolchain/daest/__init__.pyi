@@ -5,11 +5,11 @@ from daest.data.prepare import resample as resample
 from daest.data.project import load_project as load_project
 from daest.data.read import Signal as Signal
 from daest.data.read import read_experiments as read_experiments
-from daest.diagnosis.compare import compare_models as compare_models
-from daest.diagnosis.trial import Candidate as Candidate
+from daest.diagnosis.comparison.compare import compare_models as compare_models
+from daest.diagnosis.comparison.trial import Candidate as Candidate
 from daest.errors import DaestError as DaestError
 from daest.estimation.filter import run_filter as run_filter
-from daest.estimation.fitted import fitted_model as fitted_model
+from daest.estimation.fitting.fitted import fitted_model as fitted_model
 from daest.fmu.export import export_fmu as export_fmu
 from daest.fmu.linearize import linearize_fmu as linearize_fmu
 from daest.fmu.load import load_fmu as load_fmu
@@ -29,23 +29,23 @@ from daest.model.estimates import InitialState as InitialState
 from daest.model.experiment import Experiment as Experiment
 from daest.model.fit import IdentifyOptions as IdentifyOptions
 from daest.model.parts import Prior as Prior
-from daest.modelica.attach import attach as attach
 from daest.modelica.change import declare as declare
 from daest.modelica.change import with_values as with_values
 from daest.modelica.compile import compile_model as compile_model
-from daest.modelica.effects import effect_library as effect_library
-from daest.modelica.effects import find_effect as find_effect
-from daest.modelica.extend import extend_model as extend_model
-from daest.systems.initialize import initial_point as initial_point
-from daest.systems.linearize import linear_dae_function as linear_dae_function
-from daest.systems.noise import noise_report as noise_report
-from daest.systems.reduce import reduce_index as reduce_index
-from daest.systems.split import split as split
-from daest.systems.state_space import sample as sample
-from daest.systems.state_space import state_space as state_space
-from daest.systems.state_space import state_space_family as state_space_family
-from daest.systems.transfer import poles as poles
-from daest.systems.transfer import transfer_functions as transfer_functions
+from daest.modelica.effects.attach import attach as attach
+from daest.modelica.effects.catalogue import effect_library as effect_library
+from daest.modelica.effects.catalogue import find_effect as find_effect
+from daest.modelica.effects.extend import extend_model as extend_model
+from daest.systems.linear.linearize import linear_dae_function as linear_dae_function
+from daest.systems.linear.noise import noise_report as noise_report
+from daest.systems.linear.split import split as split
+from daest.systems.linear.state_space import sample as sample
+from daest.systems.linear.state_space import state_space as state_space
+from daest.systems.linear.state_space import state_space_family as state_space_family
+from daest.systems.linear.transfer import poles as poles
+from daest.systems.linear.transfer import transfer_functions as transfer_functions
+from daest.systems.reduction.initialize import initial_point as initial_point
+from daest.systems.reduction.reduce import reduce_index as reduce_index
 
 __version__: str
 __all__: list[str]

@@ -20,16 +20,16 @@ from daest.data.check import check_experiment, check_table
 from daest.data.prepare import Preparation, split_all
 from daest.data.project import Project
 from daest.data.read import Signal, measured_names, read_experiments, read_source, select_outputs, with_units
-from daest.diagnosis import compare as comparing
 from daest.diagnosis import diagnose as diagnosing
 from daest.diagnosis import improve as improving
+from daest.diagnosis.comparison import compare as comparing
+from daest.diagnosis.comparison.trial import Candidate, fitted_candidate
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.trial import Candidate, fitted_candidate
 from daest.errors import ConfigError
 from daest.estimation import identify as identifying
 from daest.estimation.filter import run_filter
-from daest.estimation.fitted import fitted_model
-from daest.estimation.profile import silent
+from daest.estimation.fitting.fitted import fitted_model
+from daest.estimation.fitting.profile import silent
 from daest.model.comparison import Comparison
 from daest.model.defaults import MOST_EFFECTS
 from daest.model.diagnosis import Diagnosis, Improvement
@@ -42,13 +42,13 @@ from daest.model.holds import Hold
 from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.model.noise import NoiseReport
 from daest.modelica.change import with_outputs, with_values
-from daest.modelica.clock import model_clock
-from daest.modelica.effects import effect_library
-from daest.modelica.guesses import begun_as_recorded
+from daest.modelica.effects.catalogue import effect_library
+from daest.modelica.flat.clock import model_clock
+from daest.modelica.flat.guesses import begun_as_recorded
 from daest.near import near_names
-from daest.systems import linearize as linearizing
-from daest.systems import simulate as simulating
-from daest.systems.noise import noise_report
+from daest.systems.linear import linearize as linearizing
+from daest.systems.linear.noise import noise_report
+from daest.systems.simulation import simulate as simulating
 
 HALF = 0.5
 AnyModel: TypeAlias = str | Path | Model

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from daest.diagnosis.compare import follower
-from daest.diagnosis.trial import Candidate, agreement
+from daest.diagnosis.comparison.compare import follower
+from daest.diagnosis.comparison.trial import Candidate, agreement
 from daest.model.experiment import Experiment
 from daest.model.parts import Parameter
 from daest.report.page.plots import comparison_plots, thinned

@@ -110,7 +110,7 @@ def _compared(
     from daest.data.check import check_table
     from daest.data.match import clock_findings, unitless_findings
     from daest.data.read import counted_in, read_table, with_units, within
-    from daest.modelica.clock import model_clock
+    from daest.modelica.flat.clock import model_clock
 
     window = window or project.preparation
     clock = "s" if flat is None else model_clock(flat)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from daest.data.project import Project
-    from daest.diagnosis.trial import Candidate
+    from daest.diagnosis.comparison.trial import Candidate
     from daest.model.comparison import Comparison
     from daest.model.experiment import Experiment
     from daest.model.flat import Model
@@ -79,7 +79,7 @@ def command(
 
     Models and recordings are by default those of daest.toml.
     """
-    from daest.diagnosis.compare import compare_models
+    from daest.diagnosis.comparison.compare import compare_models
     from daest.report.comparison_figure import comparison_figure
     from daest.report.documents import compare as documents
     from daest.report.texts import compare as texts
@@ -164,7 +164,7 @@ def _candidate(
     project: Project, source: Path, flat: Model, options: DataOptions, experiments: Sequence[Experiment]
 ) -> Candidate:
     from daest.cli.results import find_fit
-    from daest.diagnosis.trial import Candidate
+    from daest.diagnosis.comparison.trial import Candidate
 
     fit = find_fit(project, source, flat)
     if fit is None:
@@ -200,7 +200,7 @@ def _with_fit(flat: Model, document: Mapping[str, Any], hold: Hold, notes: tuple
     import numpy as np
 
     from daest.cli.results import fitted
-    from daest.diagnosis.trial import Candidate
+    from daest.diagnosis.comparison.trial import Candidate
 
     names, cov = parameter_covariance(document)
     known = set(flat.parameter_names)

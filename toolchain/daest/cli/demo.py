@@ -48,7 +48,7 @@ def _run(name: str) -> DemoDocument:
     from daest.cli.identify import identified, keep_fit
     from daest.data.examples import copy_example, demo_folder
     from daest.data.project import load_project
-    from daest.diagnosis.compare import compare_models
+    from daest.diagnosis.comparison.compare import compare_models
     from daest.report.documents import compare as documents
 
     folder = demo_folder(name, Path.cwd())
@@ -77,7 +77,7 @@ def _noise(folder: Path) -> NoiseDocument:
     from daest.cli.linear import load_linear
     from daest.data.project import load_project
     from daest.report.documents import noise as documents
-    from daest.systems.noise import noise_report
+    from daest.systems.linear.noise import noise_report
 
     return documents.document(
         noise_report(load_linear(load_project(folder), None, ModelOptions(), {}, None).dae)

@@ -259,7 +259,7 @@ def _limits(flat: Model, recordings: Sequence[Experiment], wish: Wish, hold: Hol
     """Limits of the command line, and of the recordings where it gives none. Raises ConfigError
     `design-limits-unknown` or `option-assignment`."""
     from daest.model.design import Limits, Range
-    from daest.modelica.clock import model_clock
+    from daest.modelica.flat.clock import model_clock
 
     given = dict(_range(text) for text in wish.limits)
     rates = assignments(wish.rates, "--rate")

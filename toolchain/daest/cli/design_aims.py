@@ -140,8 +140,8 @@ def effect_aim(
 
 def _placed(flat: Model, name: str, place: str | None, folders: Sequence[Path]) -> tuple[Effect, Site]:
     """The effect of that name that fits at the place, or at the first place where one fits."""
-    from daest.modelica.effects import find_effects
-    from daest.modelica.sites import find_effect_site, fits, sites
+    from daest.modelica.effects.catalogue import find_effects
+    from daest.modelica.places.sites import find_effect_site, fits, sites
 
     group = find_effects(name, folders)
     if place is None:

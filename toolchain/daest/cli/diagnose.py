@@ -34,8 +34,8 @@ from daest.errors import DaestError, EstimationError, FmuError, ModelError
 if TYPE_CHECKING:
     from daest.cli.results import KeptFit
     from daest.data.project import Project
+    from daest.diagnosis.answers.written import Written
     from daest.diagnosis.options import DiagnoseOptions
-    from daest.diagnosis.written import Written
     from daest.model.diagnosis import Diagnosis
     from daest.model.effects import Effect
     from daest.model.experiment import Experiment
@@ -182,8 +182,8 @@ def opened(
     from daest.cli.recordings import training_data
     from daest.cli.results import training_files
     from daest.data.prepare import split_all
-    from daest.diagnosis.clipping import clips_of
-    from daest.modelica.effects import effect_library
+    from daest.diagnosis.screening.clipping import clips_of
+    from daest.modelica.effects.catalogue import effect_library
 
     require_cluster(search.cluster)
     source = model_source(project, model)
@@ -234,7 +234,7 @@ def opened(
 def _resumable(case: Case) -> Case:
     """The case whose refits are kept, so that an interrupted search goes on from them."""
     from daest.diagnosis.kept import KeptProofs, run_digest
-    from daest.modelica.effects import library_digest
+    from daest.modelica.effects.catalogue import library_digest
 
     options = case.options
     binary = b"" if case.flat.has_equations else case.source.read_bytes()
@@ -249,8 +249,8 @@ def _resumable(case: Case) -> Case:
 
 def _straight(flat: Model, hold: Hold | None) -> tuple[str, ...]:
     """A remark where inputs cannot be held."""
-    from daest.systems.input_slopes import acting_slopes, slope_note
-    from daest.systems.reduce import dynamics
+    from daest.systems.reduction.input_slopes import acting_slopes, slope_note
+    from daest.systems.reduction.reduce import dynamics
 
     if hold is not None:
         return ()
@@ -322,7 +322,7 @@ def _natural_frequencies(flat: Model) -> list[float]:
     """Of the modes of the model at its start [Hz]; none where it cannot be linearised there."""
     import numpy as np
 
-    from daest.systems.state_space import state_space, state_space_family
+    from daest.systems.linear.state_space import state_space, state_space_family
 
     try:
         A = state_space(state_space_family(flat), flat.theta_values).A
@@ -363,15 +363,15 @@ def _engine_options(
 
 def _named_effects(search: Search, folders: Sequence[Path]) -> list[str]:
     """The effects of the search as the library calls them. Raises ModelError `effect-unknown`."""
-    from daest.modelica.effects import find_effects
+    from daest.modelica.effects.catalogue import find_effects
 
     return [own for name in search.effects for own in _names(name, find_effects(name, folders))]
 
 
 def _known(flat: Model, search: Search, folders: Sequence[Path]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the effects and of the places as the search has them."""
-    from daest.modelica.effects import find_effects
-    from daest.modelica.sites import find_effect_site, find_site
+    from daest.modelica.effects.catalogue import find_effects
+    from daest.modelica.places.sites import find_effect_site, find_site
 
     groups = [find_effects(name, folders) for name in search.effects]
     for group in groups:
@@ -392,7 +392,7 @@ def _names(name: str, group: Sequence[Effect]) -> list[str]:
 
 
 def _require_a_place(flat: Model, group: Sequence[Effect]) -> None:
-    from daest.modelica.sites import fits, sites
+    from daest.modelica.places.sites import fits, sites
 
     if any(fits(effect, site) for site in sites(flat) for effect in group):
         return
@@ -464,7 +464,7 @@ def _require_seen(case: Case, found: Diagnosis) -> None:
 
 def written_document(case: Case, diagnosis: Diagnosis) -> dict[str, Any]:
     """The document of the diagnosis with the models that it found."""
-    from daest.diagnosis.written import written_load
+    from daest.diagnosis.answers.written import written_load
     from daest.report.documents.diagnose import document
 
     load = None
@@ -484,8 +484,8 @@ def keep_diagnosis(project: Project, document: Mapping[str, Any], origin: Mappin
 
 def models_of(case: Case, diagnosis: Diagnosis) -> dict[str, Written]:
     """Extended models of the candidates that are not rejected, by candidate name."""
-    from daest.diagnosis.black_box import NO_TEXT
-    from daest.diagnosis.written import Written, written_proof
+    from daest.diagnosis.answers.written import Written, written_proof
+    from daest.diagnosis.without_equations.black_box import NO_TEXT
 
     if not case.flat.has_equations:
         return {proof.candidate.name: Written(None, NO_TEXT) for proof in diagnosis.proofs}

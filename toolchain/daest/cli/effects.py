@@ -72,13 +72,13 @@ def _sorted(named: tuple[str, ...], model: Path | None) -> tuple[Path | None, st
 
 def _chosen(name: str | None, folders: tuple[Path, ...]) -> list[Effect]:
     """All effects, or those of a name: the mechanical ones exist for two domains."""
-    from daest.modelica.effects import effect_library, find_effects
+    from daest.modelica.effects.catalogue import effect_library, find_effects
 
     return list(effect_library(folders) if name is None else find_effects(name, folders))
 
 
 def _places(flat: Model, chosen: list[Effect]) -> dict[str, list[Site]]:
-    from daest.modelica.sites import fits, sites
+    from daest.modelica.places.sites import fits, sites
 
     known = sites(flat)
     return {effect.class_name: [site for site in known if fits(effect, site)] for effect in chosen}

@@ -95,8 +95,8 @@ def _export_by_omc(
     """Write what OpenModelica makes of the model: an FMU, or Base Modelica under a name in .bmo."""
     from daest.cli.models import chosen_class
     from daest.errors import ConfigError
-    from daest.modelica.omc import OmcJob, base_modelica_by_omc, fmu_by_omc
-    from daest.modelica.source import read_source, select_class
+    from daest.modelica.compiling.omc import OmcJob, base_modelica_by_omc, fmu_by_omc
+    from daest.modelica.language.source import read_source, select_class
 
     if has_options:
         raise ConfigError(

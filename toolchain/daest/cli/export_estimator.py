@@ -106,7 +106,7 @@ def export_estimator(
 ) -> None:
     """Write the estimator of `flat` with its fit, if there is one, and tell what was written."""
     from daest.cli.results import with_fit
-    from daest.estimation.estimator import estimator_model
+    from daest.estimation.streaming.estimator import estimator_model
     from daest.model.holds import FOH, checked_hold
     from daest.report.documents import export as documents
     from daest.report.texts import export as texts

@@ -76,9 +76,9 @@ def command(
     """
     from daest.cli.models import model_source
     from daest.modelica.compile import compile_model
-    from daest.modelica.effects import find_effects
-    from daest.modelica.extend import extend_model
-    from daest.modelica.sites import find_effect_site
+    from daest.modelica.effects.catalogue import find_effects
+    from daest.modelica.effects.extend import extend_model
+    from daest.modelica.places.sites import find_effect_site
     from daest.report.documents.effects import extension_document
     from daest.report.texts import extend as texts
 

@@ -41,7 +41,7 @@ from daest.model.defaults import PARTICLES
 
 if TYPE_CHECKING:
     from daest.data.project import Project
-    from daest.estimation.filter_cost import FilterCost, Way
+    from daest.estimation.filter_engines.filter_cost import FilterCost, Way
     from daest.model.estimates import FilterOptions, FilterResult
     from daest.model.experiment import Experiment
     from daest.model.flat import Model
@@ -123,7 +123,7 @@ def command(
     from daest.report.documents import filter as documents
     from daest.report.result_figures import filter_figure
     from daest.report.texts import filter as texts
-    from daest.systems.linearize import is_affine_model
+    from daest.systems.linear.linearize import is_affine_model
 
     project = model_options.project()
     keep_inputs(output, files.all)
@@ -153,10 +153,10 @@ def command(
 
 def _estimated(flat: Model, experiment: Experiment, kind: str, options: FilterOptions) -> FilterResult:
     from daest.estimation.filter import run_filter
-    from daest.estimation.filter_cost import LARGE, way_of_filter
-    from daest.estimation.profile import silent
-    from daest.systems.linearize import is_affine_model
-    from daest.systems.state_space import state_space_family
+    from daest.estimation.filter_engines.filter_cost import LARGE, way_of_filter
+    from daest.estimation.fitting.profile import silent
+    from daest.systems.linear.linearize import is_affine_model
+    from daest.systems.linear.state_space import state_space_family
 
     if not FILTERS[kind].is_linear or flat.events is not None:
         return run_filter(flat, experiment, kind, options)
@@ -172,7 +172,7 @@ def _estimated(flat: Model, experiment: Experiment, kind: str, options: FilterOp
 
 def _tell_cost(n_states: int, n_unknowns: int, n_samples: int, way: Way) -> FilterCost:
     """The cost of a filter, told on stderr before it starts where the model is large."""
-    from daest.estimation.filter_cost import LARGE, filter_cost
+    from daest.estimation.filter_engines.filter_cost import LARGE, filter_cost
 
     cost = filter_cost(n_states, n_unknowns, n_samples, way)
     if n_states >= LARGE:

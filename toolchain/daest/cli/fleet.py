@@ -80,7 +80,7 @@ def command(
     """
     from daest.cli.models import model_source
     from daest.diagnosis.fleet import HALF, FleetOptions, summary
-    from daest.modelica.effects import effect_library, find_effects, library_digest
+    from daest.modelica.effects.catalogue import effect_library, find_effects, library_digest
     from daest.report.documents import fleet as documents
     from daest.report.page.render import fleet_page
     from daest.report.texts import fleet as texts

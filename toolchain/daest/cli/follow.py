@@ -30,7 +30,7 @@ from daest.errors import ConfigError, DataError, EstimationError, Place
 if TYPE_CHECKING:
     from daest.data.project import Project
     from daest.data.stream import LineFormat
-    from daest.estimation.online import Memory, OnlineFilter
+    from daest.estimation.streaming.online import Memory, OnlineFilter
     from daest.model.estimates import Estimate, Sample
     from daest.model.experiment import Experiment
     from daest.model.flat import Model
@@ -242,7 +242,7 @@ def open_stream(
     from daest.cli.models import with_settings
     from daest.cli.recordings import signals, words_of
     from daest.data.stream import line_format
-    from daest.estimation.online_filter import online_filter
+    from daest.estimation.streaming.online_filter import online_filter
     from daest.model.estimates import FilterOptions
     from daest.modelica.change import with_outputs
 

@@ -128,7 +128,7 @@ def command(
 
     The result is written to results/fit.json, where filter, compare and simulate find it.
     """
-    from daest.estimation.profile import ALL
+    from daest.estimation.fitting.profile import ALL
     from daest.model.fit import IdentifyOptions
     from daest.report.texts import identify as texts
 
@@ -181,10 +181,10 @@ def identified(
     from daest.cli.models import model_source
     from daest.cli.recordings import training_data
     from daest.cli.results import training_files
+    from daest.estimation.fitting.profile import silent
     from daest.estimation.identify import identify
-    from daest.estimation.profile import silent
     from daest.model.fit import IdentifyOptions
-    from daest.modelica.clock import model_clock
+    from daest.modelica.flat.clock import model_clock
     from daest.report.documents import fit as documents
 
     source = model_source(project, model)
@@ -224,8 +224,8 @@ def _draw_profiles(found: Identified, plot: Path) -> None:
 
 
 def _draw(found: Identified, plot: Path) -> None:
-    from daest.diagnosis.compare import compare_models
-    from daest.diagnosis.trial import fitted_candidate
+    from daest.diagnosis.comparison.compare import compare_models
+    from daest.diagnosis.comparison.trial import fitted_candidate
     from daest.report.result_figures import fit_figure
 
     candidate = fitted_candidate(found.flat, found.result)

@@ -31,7 +31,7 @@ from daest.model.defaults import MOST_EFFECTS
 
 if TYPE_CHECKING:
     from daest.cli.diagnose import Case, Search
-    from daest.diagnosis.written import Written
+    from daest.diagnosis.answers.written import Written
     from daest.model.diagnosis import Improvement
     from daest.model.holds import Hold
 
@@ -130,8 +130,8 @@ def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any
     """Improve the model; returns the document, and the texts of the models by the name of their file in
     `folder`."""
     from daest.cli.diagnose import context
+    from daest.diagnosis.answers.written import LOAD_FILE, is_step, offered_load, with_names, written_steps
     from daest.diagnosis.improve import improve
-    from daest.diagnosis.written import LOAD_FILE, is_step, offered_load, with_names, written_steps
     from daest.model.flat import with_equations
     from daest.report.documents.diagnose import improvement_document
 
@@ -181,7 +181,7 @@ def improved(case: Case, folder: Path, most_effects: int) -> tuple[dict[str, Any
 
 def _unseen(case: Case, hold: Hold | None) -> Case:
     """The case with the validation data of the recordings' hold."""
-    from daest.diagnosis.null import as_recorded
+    from daest.diagnosis.null_model.null import as_recorded
 
     held = case.options.held
     if held is None or hold is None:
@@ -194,7 +194,7 @@ def _simulated(
 ) -> dict[int, dict[str, float | None]]:
     """Errors of the written models on the validation data, by the number of the step, without those that
     cannot be simulated. While another process simulates, this one gets ready to draw."""
-    from daest.diagnosis.written import simulated_rms
+    from daest.diagnosis.answers.written import simulated_rms
     from daest.numerics.parallel import called, workers
 
     names, made = case.flat.output_names, {i: w.extension for i, w in models.items() if w.extension}
@@ -226,7 +226,7 @@ def _compare(number: int, step: dict[str, Any]) -> None:
 
 
 def _files(models: dict[int, Written], found: Improvement) -> dict[int, str]:
-    from daest.diagnosis.written import step_file
+    from daest.diagnosis.answers.written import step_file
 
     return {
         number: step_file(number, proof.candidate)

@@ -44,7 +44,7 @@ def command(
     from daest.data.project import FILE_NAME, Project, load_project
     from daest.data.read import Signal, read_table
     from daest.data.template import Draft, project_text
-    from daest.modelica.clock import model_clock
+    from daest.modelica.flat.clock import model_clock
 
     file = model_options.project_file or Path(FILE_NAME)
     _refuse_existing(file)
@@ -84,7 +84,7 @@ def _split(tables: Sequence[Table], *, is_driven: bool) -> float | None:
     nothing drives the machine, each ends at rest, and second halves tell of that alone."""
     import numpy as np
 
-    from daest.diagnosis.stand import is_enough, least_share
+    from daest.diagnosis.evidence.stand import is_enough, least_share
 
     sizes = [table.columns[0].values.size for table in tables if table.columns]
     if not is_driven and len(tables) > 1 and is_enough(sizes[:-1]):
@@ -106,7 +106,7 @@ def _refuse_existing(file: Path) -> None:
 
 def _given_to_components(path: Path, source: Model) -> frozenset[str]:
     """Parameters of components that the text of the model sets; none of an FMU."""
-    from daest.modelica.modifications import modified_names
+    from daest.modelica.forms.modifications import modified_names
 
     return modified_names(path.read_bytes(), source.name) if path.suffix == ".mo" else frozenset()
 
@@ -130,7 +130,7 @@ def _proposed(flat: Model, given: frozenset[str]) -> tuple[str, ...]:
     equation is a start, say, and starts are free. Of those that the equations know only together, the first
     are proposed."""
     from daest.model.flat import FlatModel
-    from daest.modelica.sites import used_parameters
+    from daest.modelica.places.sites import used_parameters
 
     if any(parameter.estimate for parameter in flat.parameters):
         return ()
@@ -151,8 +151,8 @@ def _told_apart(flat: Model, names: tuple[str, ...]) -> tuple[str, ...]:
     """Without those that the equations know only together with earlier ones."""
     from daest.errors import DaestError
     from daest.model.flat import FlatModel
-    from daest.systems.known_together import told_apart
-    from daest.systems.reduce import reduce_index
+    from daest.systems.reduction.known_together import told_apart
+    from daest.systems.reduction.reduce import reduce_index
 
     if not isinstance(flat, FlatModel) or flat.events is not None:
         return names

@@ -70,7 +70,7 @@ def load_linear(
     if source.suffix == ".fmu":
         return _of_fmu(source, values, point, route)
     flat = with_equations(options.load(project, source, values), "the linear DAE")
-    from daest.systems.linearize import continuous_part, linearize
+    from daest.systems.linear.linearize import continuous_part, linearize
 
     return Linear(linearize(flat, at=point), flat, continuous_part(flat, point), {})
 

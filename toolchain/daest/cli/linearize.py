@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from daest.cli.linear import Linear
     from daest.model.linear import SparseForm, StandardForm
     from daest.report.documents.linearize import LinearizeDocument
-    from daest.systems.transfer import TransferFunction
+    from daest.systems.linear.transfer import TransferFunction
 
 ARRAYS = (".npz", ".mat")
 
@@ -64,8 +64,8 @@ def command(
     from daest.report.arrays import save_arrays
     from daest.report.frequency_figure import linear_figure
     from daest.report.texts import linearize as texts
-    from daest.systems.standard_form import standard_form
-    from daest.systems.transfer import poles, transfer_functions
+    from daest.systems.linear.standard_form import standard_form
+    from daest.systems.linear.transfer import poles, transfer_functions
 
     project = model_options.project()
     model = files.model
@@ -87,7 +87,7 @@ def _document(
     linear: Linear, standard: StandardForm | SparseForm, functions: Sequence[TransferFunction]
 ) -> LinearizeDocument:
     from daest.report.documents import linearize as documents
-    from daest.systems.linearize import theta_entries
+    from daest.systems.linear.linearize import theta_entries
 
     theta = theta_entries(linear.flat, linear.at) if linear.flat is not None else []
     return documents.document(linear.dae, standard, functions, theta, linear.cross_check)

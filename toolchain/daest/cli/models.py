@@ -86,7 +86,7 @@ def _is_own(project: Project, source: Path) -> bool:
 def _warn_of_units(flat: Model) -> None:
     from daest.cli.output import warn
     from daest.model.flat import FlatModel
-    from daest.modelica.connected_units import contradictions, sentence
+    from daest.modelica.flat.connected_units import contradictions, sentence
 
     found = contradictions(flat) if isinstance(flat, FlatModel) else ()
     if found:

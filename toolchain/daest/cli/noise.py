@@ -62,7 +62,7 @@ def command(
     from daest.report.documents import noise as documents
     from daest.report.structure_figure import noise_figure
     from daest.report.texts import noise as texts
-    from daest.systems.noise import noise_report
+    from daest.systems.linear.noise import noise_report
 
     project = model_options.project()
     keep_inputs(output, files.all)
@@ -88,7 +88,7 @@ def _along(
 ) -> NoiseAlong:
     """Raises ConfigError `noise-along-needs-equations` for an FMU without equations."""
     from daest.cli.recordings import driving_data
-    from daest.systems.noise_along import noise_along
+    from daest.systems.simulation.noise_along import noise_along
 
     if flat is None:
         raise ConfigError(

@@ -62,7 +62,7 @@ def _places() -> list[str]:
 
 def _effects() -> list[str]:
     from daest.errors import ModelError
-    from daest.modelica.library import library_root
+    from daest.modelica.language.library import library_root
 
     try:
         folder = library_root() / "Daest" / "Effects"

@@ -27,8 +27,8 @@ from daest.errors import ConfigError
 from daest.model.experiment import Experiment
 from daest.model.flat import Model
 from daest.modelica.change import with_outputs
-from daest.modelica.clock import model_clock
-from daest.modelica.guesses import begun_as_recorded
+from daest.modelica.flat.clock import model_clock
+from daest.modelica.flat.guesses import begun_as_recorded
 
 
 def training_data(

@@ -32,7 +32,7 @@ from daest.cli.output import (
 )
 from daest.data.project import Project
 from daest.errors import ConfigError, Place
-from daest.estimation.fitted import with_fit_values
+from daest.estimation.fitting.fitted import with_fit_values
 from daest.files import why_no_file
 from daest.machine import version
 from daest.model.flat import FlatModel, Model

@@ -62,10 +62,10 @@ def command(
     from daest.cli.models import model_source, with_settings
     from daest.cli.recordings import driving_data
     from daest.cli.results import find_fit, fitted
-    from daest.modelica.clock import model_clock
-    from daest.modelica.guesses import begun_as_recorded
+    from daest.modelica.flat.clock import model_clock
+    from daest.modelica.flat.guesses import begun_as_recorded
     from daest.report.result_figures import simulation_figure
-    from daest.systems.simulate import simulate
+    from daest.systems.simulation.simulate import simulate
 
     project = model_options.project()
     keep_inputs(output, files.all)

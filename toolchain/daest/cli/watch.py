@@ -32,7 +32,7 @@ from daest.diagnosis.gates import GATES
 from daest.errors import DaestError
 
 if TYPE_CHECKING:
-    from daest.estimation.watch import Alarm, Watch
+    from daest.estimation.streaming.watch import Alarm, Watch
     from daest.model.estimates import Sample
 
 AVERAGE_RUN = 100_000.0  # samples between false alarms, where nothing else is asked for
@@ -148,8 +148,8 @@ def _watch(stream: Stream, options: WatchOptions, seed: int) -> Watch:
 
     from daest.cli.recordings import signals, words_of
     from daest.data.read import read_experiments, select_outputs
-    from daest.estimation.change import Usual, threshold_for, usual_of
-    from daest.estimation.watch import QUIET, Watch
+    from daest.estimation.streaming.change import Usual, threshold_for, usual_of
+    from daest.estimation.streaming.watch import QUIET, Watch
 
     names = stream.online.output_names
     usual = Usual.white(len(names))
@@ -266,7 +266,7 @@ def _tell_diagnosis(
     tell: Tell,
 ) -> None:
     """What is missing in the samples since the change. A diagnosis that fails is told as one."""
-    from daest.estimation.watch import before_change
+    from daest.estimation.streaming.watch import before_change
 
     samples = [sample for sample in recent if sample.time >= alarm.since]
     if len(samples) < FEWEST:
@@ -302,8 +302,8 @@ def _diagnosed(
 ) -> Any:
     from daest.diagnosis.changed import diagnose_change
     from daest.diagnosis.options import DiagnoseOptions
-    from daest.estimation.watch import recording_of
-    from daest.modelica.effects import effect_library
+    from daest.estimation.streaming.watch import recording_of
+    from daest.modelica.effects.catalogue import effect_library
 
     options = DiagnoseOptions(
         hold=stream.hold,

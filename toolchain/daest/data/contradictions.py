@@ -178,7 +178,7 @@ def _error_within(longest: float, driven: Any, changed: Experiment, theta: np.nd
 def _relative_error(driven: Any, experiment: Experiment, theta: np.ndarray) -> float:
     """What a simulation leaves of the outputs, as a share of what they do without a trend: the root of the
     mean square over those that move. Raises OutOfTimeError."""
-    from daest.systems.simulate import simulate
+    from daest.systems.simulation.simulate import simulate
 
     simulated = simulate(driven, experiment, theta=theta, tell=lambda _: check()).outputs
     shares = []
@@ -332,7 +332,7 @@ def _variants(flat: Model) -> Iterator[np.ndarray]:
 
 def _driven(flat: Model) -> Any:
     """The model in the form by which it is driven, made once; with events the start decides on it."""
-    from daest.systems.reduce import dynamics
+    from daest.systems.reduction.reduce import dynamics
 
     return flat if isinstance(flat, FlatModel) and flat.events is not None else dynamics(flat)
 
@@ -340,7 +340,7 @@ def _driven(flat: Model) -> Any:
 def _mirrored(driven: Any, part: Experiment, theta: np.ndarray) -> np.ndarray:
     """Correlation of every measured output with the model's at `theta` where all states start at minus what
     they do, (n_y,); NaN where the model has no such start."""
-    from daest.systems.simulate import simulate
+    from daest.systems.simulation.simulate import simulate
 
     first = replace(part, time=part.time[:2], inputs=part.inputs[:2], outputs=part.outputs[:2])
     x0 = -simulate(driven, first, theta=theta).states[0]
@@ -355,7 +355,7 @@ def _beside(
 ) -> np.ndarray:
     """Correlation of every measured output with the simulated one, and how many times as large it is, without
     a trend and with it, (2, 2, n_y); NaN where one of them stands still."""
-    from daest.systems.simulate import simulate
+    from daest.systems.simulation.simulate import simulate
 
     simulated = simulate(driven, experiment, theta=theta, x0=x0).outputs
     pairs = zip(experiment.outputs.T, simulated.T, strict=True)

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from daest.design.explainer import Explainer, information, information_gradient, total_information
-from daest.estimation.identifiability import covariance, std_errors, weak_directions
+from daest.estimation.fitting.identifiability import covariance, std_errors, weak_directions
 from daest.model.design import AimName, Criterion, Expected
 from daest.model.fit import WeakDirection
 

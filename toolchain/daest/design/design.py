@@ -23,7 +23,7 @@ from daest.errors import DaestError, EstimationError
 from daest.model.design import FEWEST_STEPS, Design, Expected, Limits, Played, PowerPoint, SensorGain
 from daest.model.experiment import Experiment
 from daest.model.fit import WeakDirection
-from daest.systems.state_space import state_space, state_space_family
+from daest.systems.linear.state_space import state_space, state_space_family
 
 SECONDS = 20.0  # that a search may take
 GROWN = 10.0  # logarithm of how much an unstable mode may grow over an experiment without safe ranges

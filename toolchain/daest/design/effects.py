@@ -19,7 +19,7 @@ from daest.errors import EstimationError
 from daest.model.design import Limits
 from daest.model.effects import Effect, Placement, Site
 from daest.model.flat import FlatModel, Model
-from daest.modelica.attach import attach_all
+from daest.modelica.effects.attach import attach_all
 
 Loop = Callable[[Model], Model]  # puts a model into the loop of its controller
 DRAWS = 4  # likely parameters of each rival beside the fitted ones, for the expectation

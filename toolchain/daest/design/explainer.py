@@ -12,11 +12,11 @@ from typing import Protocol
 
 import numpy as np
 
-from daest.estimation.coordinates import Coordinate, Unknowns
-from daest.estimation.identifiability import covariance
+from daest.estimation.fitting.coordinates import Coordinate, Unknowns
+from daest.estimation.fitting.identifiability import covariance
 from daest.model.flat import Dynamics
 from daest.model.holds import Hold
-from daest.systems.initialize import initial_point
+from daest.systems.reduction.initialize import initial_point
 
 RANK = 1e-10  # singular value of the scaled responses of initial states, relative, below which it is none
 STEPS = 3  # Gauss-Newton steps of a refit that is not merely estimated

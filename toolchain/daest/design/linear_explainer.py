@@ -12,7 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from daest.design.explainer import Driven, ErrorModel, Explained, Point
-from daest.estimation.linear_predictors import (
+from daest.estimation.fitting.records import Record
+from daest.estimation.linear.linear_predictors import (
     Problem,
     Recursion,
     innovation_slopes,
@@ -22,10 +23,9 @@ from daest.estimation.linear_predictors import (
     noise_levels,
     recursion,
 )
-from daest.estimation.records import Record
 from daest.model.linear import StateSpace, StateSpaceFamily
 from daest.numerics.riccati import Gains
-from daest.systems.state_space import stacked_inputs, state_space
+from daest.systems.linear.state_space import stacked_inputs, state_space
 
 LARGEST = 150  # states of the model and of its slopes up to which the information by noise is computed
 PULSE = 2  # sample at which inputs are pulsed: a slope of the input reaches one sample to either side

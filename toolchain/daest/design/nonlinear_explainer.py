@@ -9,10 +9,16 @@ import numpy as np
 
 from daest.design.explainer import Driven, ErrorModel, Explained, Point
 from daest.errors import DaestError
-from daest.estimation.observer import AverageModel, Observer, average_model, observer, sampled_average
-from daest.systems.integrate import Integrator, integrate, interval_inputs
-from daest.systems.integration import Correction, IntegrationError, Trajectory
-from daest.systems.simulate import values_along
+from daest.estimation.nonlinear.observer import (
+    AverageModel,
+    Observer,
+    average_model,
+    observer,
+    sampled_average,
+)
+from daest.systems.events.integration import Correction, IntegrationError, Trajectory
+from daest.systems.simulation.integrate import Integrator, integrate, interval_inputs
+from daest.systems.simulation.simulate import values_along
 
 RTOL = 1e-5  # of the integration: far below the noise of a measurement
 

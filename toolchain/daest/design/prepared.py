@@ -11,15 +11,15 @@ from daest.design.explainer import Explainer
 from daest.design.linear_explainer import LinearExplainer
 from daest.design.nonlinear_explainer import NonlinearExplainer
 from daest.errors import EstimationError
-from daest.estimation.coordinates import Coordinate, Unknowns, parameter_coordinate
-from daest.estimation.setup import known_name
+from daest.estimation.fitting.coordinates import Coordinate, Unknowns, parameter_coordinate
+from daest.estimation.fitting.setup import known_name
 from daest.model.flat import Dynamics, ExplicitModel, Model
 from daest.model.holds import Hold
-from daest.systems.integrate import integrator
-from daest.systems.linearize import has_affine_dynamics
-from daest.systems.reduce import dynamics
-from daest.systems.redundant import good_everywhere
-from daest.systems.state_space import state_space_family
+from daest.systems.linear.linearize import has_affine_dynamics
+from daest.systems.linear.state_space import state_space_family
+from daest.systems.reduction.reduce import dynamics
+from daest.systems.reduction.redundant import good_everywhere
+from daest.systems.simulation.integrate import integrator
 
 NO_NOISE = "design-no-noise"
 

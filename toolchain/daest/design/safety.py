@@ -9,7 +9,7 @@ import numpy as np
 
 from daest.design.explainer import Explainer
 from daest.errors import EstimationError
-from daest.estimation.setup import known_name
+from daest.estimation.fitting.setup import known_name
 from daest.model.design import Limits, Range, Safety
 
 SMALLEST = 0.02  # of the amplitude: an input that is not safe at this size is given up

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.evidence.stand import without_noises
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.loads import load_sites
-from daest.diagnosis.null import slowest_load
+from daest.diagnosis.null_model.loads import load_sites
+from daest.diagnosis.null_model.null import slowest_load
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.stand import without_noises
 from daest.errors import DaestError
 from daest.model.diagnosis import Diagnosis, Proof
 from daest.model.effects import Effect

@@ -14,13 +14,16 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from daest.diagnosis.black_box import diagnose_black_box
-from daest.diagnosis.chosen import chosen_candidates
-from daest.diagnosis.contradicted import contradicted
-from daest.diagnosis.elsewhere import ELSEWHERE, is_apart, led_elsewhere
+from daest.diagnosis.answers.told_beside import told_whole
+from daest.diagnosis.built_in.chosen import chosen_candidates
+from daest.diagnosis.built_in.settled import FAILURES
+from daest.diagnosis.evidence.load_starts import QUICK, says_as_much_as_starts
+from daest.diagnosis.evidence.stand import Stand, begin, halved, limited, without_noises
 from daest.diagnosis.examine import examine
-from daest.diagnosis.held_back import lag_instead, lags_in_the_way, told_beside, with_lag
-from daest.diagnosis.holds import (
+from daest.diagnosis.null_model.null import known_values, without_memory
+from daest.diagnosis.options import DiagnoseOptions, Progress
+from daest.diagnosis.recordings.contradicted import contradicted
+from daest.diagnosis.recordings.holds import (
     AGAIN,
     IN_VAIN,
     HeldOtherwiseError,
@@ -29,21 +32,18 @@ from daest.diagnosis.holds import (
     says_more,
     unsettled_hold,
 )
-from daest.diagnosis.load_starts import QUICK, says_as_much_as_starts
-from daest.diagnosis.null import known_values, without_memory
-from daest.diagnosis.options import DiagnoseOptions, Progress
-from daest.diagnosis.rounds import accept
-from daest.diagnosis.settled import FAILURES
-from daest.diagnosis.stand import Stand, begin, halved, limited, without_noises
-from daest.diagnosis.switching import diagnose_switching
-from daest.diagnosis.told_beside import told_whole
+from daest.diagnosis.refits.elsewhere import ELSEWHERE, is_apart, led_elsewhere
+from daest.diagnosis.refits.held_back import lag_instead, lags_in_the_way, told_beside, with_lag
+from daest.diagnosis.refits.rounds import accept
+from daest.diagnosis.without_equations.black_box import diagnose_black_box
+from daest.diagnosis.without_equations.switching import diagnose_switching
 from daest.fmu.binary_model import BinaryModel
 from daest.model.diagnosis import Candidate, Diagnosis, Proof
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel, Model, with_equations
 from daest.model.holds import Hold, hold_text
-from daest.modelica.sites import sites, unused_inputs
+from daest.modelica.places.sites import sites, unused_inputs
 from daest.numerics.threads import one_thread
 
 

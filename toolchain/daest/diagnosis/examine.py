@@ -10,45 +10,45 @@ from functools import partial
 
 import numpy as np
 
-from daest.diagnosis import verdict as verdicts
-from daest.diagnosis.candidates import keeping_order
-from daest.diagnosis.changing_values import changing_value
-from daest.diagnosis.chosen import chosen_candidates
-from daest.diagnosis.course import Course
-from daest.diagnosis.disturbance import place_gains, smoothed_load
-from daest.diagnosis.faulty import EMPTY, EXPLAINED, faults_counted, faults_told
-from daest.diagnosis.free_forms import free_forms, keep_forms
+from daest.diagnosis.answers import verdict as verdicts
+from daest.diagnosis.answers.changing_values import changing_value
+from daest.diagnosis.answers.held_values import OtherValue, other_value
+from daest.diagnosis.answers.learned import learned_load, said, with_formula
+from daest.diagnosis.answers.next_experiment import Asked, computed
+from daest.diagnosis.answers.parts import parts_of
+from daest.diagnosis.built_in.chosen import chosen_candidates
+from daest.diagnosis.built_in.settled import FAILURES
+from daest.diagnosis.evidence.load_starts import starts_from_nowhere
+from daest.diagnosis.evidence.open_loop import driven_share, open_screen
+from daest.diagnosis.evidence.ranking import best_accepted, errors_last, is_settled
+from daest.diagnosis.evidence.reasons import is_significant, unmoved
+from daest.diagnosis.evidence.stand import Stand, quiet
+from daest.diagnosis.evidence.unseen import innovations
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.held_values import OtherValue, other_value
-from daest.diagnosis.jittered import TRUE_TIMES, Jitter, jitter
-from daest.diagnosis.learned import learned_load, said, with_formula
-from daest.diagnosis.load_starts import starts_from_nowhere
-from daest.diagnosis.next_experiment import Asked, computed
-from daest.diagnosis.null import Null, grown, open_hold, with_other_hold
-from daest.diagnosis.open_loop import driven_share, open_screen
+from daest.diagnosis.null_model.null import Null, grown, open_hold, with_other_hold
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
-from daest.diagnosis.parts import parts_of
-from daest.diagnosis.passed_once import back_on_their_way
-from daest.diagnosis.ranking import best_accepted, errors_last, is_settled
-from daest.diagnosis.reasons import is_significant, unmoved
-from daest.diagnosis.recorded_late import (
+from daest.diagnosis.recordings.faulty import EMPTY, EXPLAINED, faults_counted, faults_told
+from daest.diagnosis.recordings.jittered import TRUE_TIMES, Jitter, jitter
+from daest.diagnosis.recordings.recorded_late import (
     EarlierInputs,
     earlier_inputs,
     gain_of_earlier_inputs,
     simulates_better,
 )
-from daest.diagnosis.screen import NullObserver, run_null, screen
-from daest.diagnosis.settled import FAILURES
-from daest.diagnosis.stages import DynamicTasks, dynamic_effects
-from daest.diagnosis.stand import Stand, quiet
-from daest.diagnosis.unseen import innovations
+from daest.diagnosis.refits.course import Course
+from daest.diagnosis.refits.stages import DynamicTasks, dynamic_effects
+from daest.diagnosis.screening.candidates import keeping_order
+from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
+from daest.diagnosis.screening.free_forms import free_forms, keep_forms
+from daest.diagnosis.screening.passed_once import back_on_their_way
+from daest.diagnosis.screening.screen import NullObserver, run_null, screen
 from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
-from daest.modelica.attach import names_of
-from daest.modelica.clock import clock_unit
-from daest.modelica.sites import sites_left, unused_inputs
+from daest.modelica.effects.attach import names_of
+from daest.modelica.flat.clock import clock_unit
+from daest.modelica.places.sites import sites_left, unused_inputs
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers, called, workers
 

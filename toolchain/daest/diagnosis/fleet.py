@@ -10,11 +10,11 @@ from itertools import islice
 import numpy as np
 
 from daest.data.prepare import Preparation, hold_after, split_all
-from daest.diagnosis.compare import compare_models
+from daest.diagnosis.comparison.compare import compare_models
+from daest.diagnosis.comparison.trial import fitted_candidate
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.trial import fitted_candidate
 from daest.errors import DaestError
 from daest.estimation.identify import identify
 from daest.model.diagnosis import Diagnosis, Proof

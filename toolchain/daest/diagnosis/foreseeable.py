@@ -8,9 +8,9 @@ import casadi as ca
 
 from daest.design.drawn import Required
 from daest.design.loads import Loads
+from daest.diagnosis.evidence.unseen import FEWEST_STRETCHES, HORIZONS, LONGEST, TAKES_UP
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.loads import load_places, load_sites
-from daest.diagnosis.unseen import FEWEST_STRETCHES, HORIZONS, LONGEST, TAKES_UP
+from daest.diagnosis.null_model.loads import load_places, load_sites
 from daest.model.flat import FlatModel
 from daest.model.parts import NoiseInput
 

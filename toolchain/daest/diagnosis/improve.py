@@ -13,29 +13,37 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.diagnosis.candidates import fed
-from daest.diagnosis.certainty import certainty_of
-from daest.diagnosis.contradicted import contradicted
+from daest.diagnosis.answers.told_beside import held_told, limit_told
+from daest.diagnosis.built_in.certainty import certainty_of
+from daest.diagnosis.built_in.settled import FAILURES
+from daest.diagnosis.built_in.trials import SHARPER, Trial
 from daest.diagnosis.diagnose import switching_case
-from daest.diagnosis.elsewhere import ELSEWHERE, is_apart, led_elsewhere
+from daest.diagnosis.evidence.load_starts import QUICK, says_as_much_as_starts
+from daest.diagnosis.evidence.reasons import not_determined, unmoved
+from daest.diagnosis.evidence.stand import Stand, begin, halved, limited
+from daest.diagnosis.evidence.unseen import is_better, is_likelier, is_worse
 from daest.diagnosis.examine import examine
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.held_back import lag_instead, lags_in_the_way, told_beside
-from daest.diagnosis.holds import AGAIN, BACK, IN_VAIN, better_hold, says_as_much, says_more, unsettled_hold
-from daest.diagnosis.load_starts import QUICK, says_as_much_as_starts
-from daest.diagnosis.null import known_values, without_memory
+from daest.diagnosis.null_model.null import known_values, without_memory
 from daest.diagnosis.options import DiagnoseOptions, Progress
-from daest.diagnosis.reasons import not_determined, unmoved
-from daest.diagnosis.rounds import accept, gains_beside, proved_again, proved_beside, with_kinks
-from daest.diagnosis.screen import promising_pairs
-from daest.diagnosis.settled import FAILURES
-from daest.diagnosis.stand import Stand, begin, halved, limited
-from daest.diagnosis.switching import diagnose_switching
-from daest.diagnosis.told_beside import held_told, limit_told
-from daest.diagnosis.trials import SHARPER, Trial
-from daest.diagnosis.unseen import is_better, is_likelier, is_worse
+from daest.diagnosis.recordings.contradicted import contradicted
+from daest.diagnosis.recordings.holds import (
+    AGAIN,
+    BACK,
+    IN_VAIN,
+    better_hold,
+    says_as_much,
+    says_more,
+    unsettled_hold,
+)
+from daest.diagnosis.refits.elsewhere import ELSEWHERE, is_apart, led_elsewhere
+from daest.diagnosis.refits.held_back import lag_instead, lags_in_the_way, told_beside
+from daest.diagnosis.refits.rounds import accept, gains_beside, proved_again, proved_beside, with_kinks
+from daest.diagnosis.screening.candidates import fed
+from daest.diagnosis.screening.screen import promising_pairs
+from daest.diagnosis.without_equations.switching import diagnose_switching
 from daest.errors import EstimationError
-from daest.estimation.records import n_observed
+from daest.estimation.fitting.records import n_observed
 from daest.model.defaults import MOST_EFFECTS
 from daest.model.diagnosis import Candidate, Diagnosis, Improvement, Proof, Screened, Step
 from daest.model.effects import Effect

@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from daest.cache import cache_folder, forget_unused, keep_content, kept_content
-from daest.diagnosis.trials import Prepared
+from daest.diagnosis.built_in.trials import Prepared
 from daest.errors import ConfigError, DaestError
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment

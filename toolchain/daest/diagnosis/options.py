@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, TypeVar
 
-from daest.diagnosis.clipping import Clip, clips_of
-from daest.diagnosis.trials import Prepared
+from daest.diagnosis.built_in.trials import Prepared
+from daest.diagnosis.screening.clipping import Clip, clips_of
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
 from daest.model.flat import Model

@@ -17,20 +17,20 @@ from itertools import count
 import numpy as np
 
 from daest.errors import DaestError, EstimationError
-from daest.estimation.fitted import fitted_model
+from daest.estimation.fitting.fitted import fitted_model
+from daest.estimation.fitting.identifiability import are_coloured
+from daest.estimation.fitting.profile import Tell, silent
+from daest.estimation.fitting.records import in_model_order
 from daest.estimation.gates import FIT
-from daest.estimation.identifiability import are_coloured
 from daest.estimation.identify import identify
-from daest.estimation.profile import Tell, silent
-from daest.estimation.records import in_model_order
 from daest.model.experiment import Experiment
 from daest.model.fit import Bootstrap, FitResult, IdentifyOptions
 from daest.model.flat import Dynamics, Model
 from daest.numerics.parallel import workers
 from daest.numerics.statistics import autoregression
-from daest.systems.reduce import dynamics
-from daest.systems.redundant import good_everywhere
-from daest.systems.simulate import simulate
+from daest.systems.reduction.reduce import dynamics
+from daest.systems.reduction.redundant import good_everywhere
+from daest.systems.simulation.simulate import simulate
 
 LEVEL = 0.95
 

@@ -11,7 +11,7 @@ import numpy as np
 from daest.errors import EstimationError
 from daest.estimation.filters import FILTERS, usual_filter
 from daest.estimation.filters.case import AnyModel, Case, Estimates, FilterModel, linear_refused
-from daest.estimation.signals import fit_percent
+from daest.estimation.fitting.signals import fit_percent
 from daest.model.estimates import (
     FilterOptions,
     FilterResult,
@@ -22,7 +22,7 @@ from daest.model.estimates import (
 from daest.model.experiment import Experiment
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import chi2
-from daest.systems.modes import in_starting_mode
+from daest.systems.events.modes import in_starting_mode
 
 COVERAGE = 0.95  # of the band for the normalised innovations
 

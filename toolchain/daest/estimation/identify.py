@@ -14,22 +14,22 @@ from functools import partial
 import numpy as np
 
 from daest.errors import EstimationError
-from daest.estimation.coordinates import log_likelihood
+from daest.estimation.fitting.coordinates import log_likelihood
+from daest.estimation.fitting.profile import Tell, check_profile_names, silent
+from daest.estimation.fitting.result import fit_result
+from daest.estimation.fitting.setup import NO_INFLUENCE, Setup, changing_together, check_jumps, setup_of
 from daest.estimation.gates import FIT
-from daest.estimation.linear_fit import absorbed_by_starts, linear_ends, linear_start, needed_slopes
-from daest.estimation.profile import Tell, check_profile_names, silent
-from daest.estimation.result import fit_result
-from daest.estimation.setup import NO_INFLUENCE, Setup, changing_together, check_jumps, setup_of
+from daest.estimation.linear.linear_fit import absorbed_by_starts, linear_ends, linear_start, needed_slopes
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
 from daest.model.flat import Dynamics, FlatModel, Model, events_refused
 from daest.model.holds import Hold
 from daest.model.linear import StateSpaceFamily
-from daest.systems.input_slopes import acting_slopes, slope_note
-from daest.systems.modes import in_starting_mode
-from daest.systems.reduce import dynamics
-from daest.systems.redundant import good_everywhere
-from daest.systems.state_space import state_space_family
+from daest.systems.events.modes import in_starting_mode
+from daest.systems.linear.state_space import state_space_family
+from daest.systems.reduction.input_slopes import acting_slopes, slope_note
+from daest.systems.reduction.reduce import dynamics
+from daest.systems.reduction.redundant import good_everywhere
 
 LINEARISED = "the model is nonlinear: its linearisation was identified"
 WOKEN = "{} did nothing at the start values: the others were estimated first"
@@ -80,8 +80,8 @@ def tied_parameters(
         if family.is_affine:
             setup, _, start = linear_start(family, setup)
         else:
-            from daest.estimation.identify_nonlinear import nonlinear_start
-            from daest.estimation.nonlinear_start import whole_and_piece, with_hold
+            from daest.estimation.nonlinear.identify_nonlinear import nonlinear_start
+            from daest.estimation.nonlinear.nonlinear_start import whole_and_piece, with_hold
 
             setup, problem, z = nonlinear_start(good_everywhere(dynamics(model)), setup)
             problem, z = with_hold(problem, z, setup.options)
@@ -127,8 +127,8 @@ def searched(
 
 
 def _nonlinear_fit(model: Model, setup: Setup, tell: Tell, began: float) -> FitResult:
-    from daest.estimation.ekf_likelihood import identify_by_ekf
-    from daest.estimation.identify_nonlinear import identify_nonlinear
+    from daest.estimation.nonlinear.ekf_likelihood import identify_by_ekf
+    from daest.estimation.nonlinear.identify_nonlinear import identify_nonlinear
 
     if model.events is not None and setup.method == "pem":
         raise events_refused("a prediction from sample to sample")
@@ -161,7 +161,7 @@ def _woken(
     the rim of a tank that the start values never fill is reached once the others are right, or is lower than
     they have it. Raises `error` where they do nothing there, either, and where the data do not ask for what
     they do elsewhere."""
-    from daest.estimation.identify_nonlinear import awake_start
+    from daest.estimation.nonlinear.identify_nonlinear import awake_start
 
     idle, unknowns = str(error.where), setup.unknowns
     rest = tuple(c for c in unknowns.coordinates if c.name not in idle.split(", "))

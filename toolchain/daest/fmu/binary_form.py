@@ -31,9 +31,9 @@ from daest.model.flat import Dynamics, InputDerivative, Model
 from daest.model.fmu import FmuModel
 from daest.model.holds import Hold, interval_ends
 from daest.model.linear import StateSpaceFamily
-from daest.systems.integrate import search_steps
-from daest.systems.integration import IntegrationError, Run
-from daest.systems.state_space import family_of
+from daest.systems.events.integration import IntegrationError, Run
+from daest.systems.linear.state_space import family_of
+from daest.systems.simulation.integrate import search_steps
 from daest.systems.tolerances import SOLVER
 
 # Relative step of the differences of simulations: far above the error of the integrator, far

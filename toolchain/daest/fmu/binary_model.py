@@ -18,14 +18,14 @@ from daest.model.holds import Hold
 from daest.model.linear import LinearDAE, StateSpaceFamily
 from daest.model.parts import NoiseInput
 from daest.modelica.change import with_noises
-from daest.systems.initialize import initial_point, start_arguments
-from daest.systems.integrate import Integrator, integrator
-from daest.systems.integration import Run, Trajectory
-from daest.systems.linearize import has_affine_dynamics, is_affine_model, linearize
-from daest.systems.local_linear import LocalModel, local_model
-from daest.systems.reduce import dynamics
-from daest.systems.simulate import values_along
-from daest.systems.state_space import family_along
+from daest.systems.events.integration import Run, Trajectory
+from daest.systems.linear.linearize import has_affine_dynamics, is_affine_model, linearize
+from daest.systems.linear.state_space import family_along
+from daest.systems.reduction.initialize import initial_point, start_arguments
+from daest.systems.reduction.reduce import dynamics
+from daest.systems.simulation.integrate import Integrator, integrator
+from daest.systems.simulation.local_linear import LocalModel, local_model
+from daest.systems.simulation.simulate import values_along
 
 
 @dataclass(frozen=True, kw_only=True)

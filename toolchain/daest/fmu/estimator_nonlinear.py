@@ -12,7 +12,7 @@ import numpy as np
 
 from daest.fmu.estimator_code import EstimatorModel, generated, numbers, starting
 from daest.fmu.sources import code_of
-from daest.systems.local_linear import LocalModel
+from daest.systems.simulation.local_linear import LocalModel
 
 _WORK = ("arg", "res", "iw", "w")
 RADIUS, ORDER, LEFT_OUT = 0.25, 12, 1e-16  # those of substep.c

@@ -1,5 +1,5 @@
 /* Events of a model written by daest, included by fmi3.c: relations, discrete variables and restarted states that
- * agree with each other (Modelica Language Specification, Appendix B), as systems/event_update.py in daest.
+ * agree with each other (Modelica Language Specification, Appendix B), as systems/events/event_update.py in daest.
  *
  * What keeps its value between events stands in `theta`. Relations change where an event indicator has gone a
  * little beyond zero, so that an importer that stops a little before or behind the root finds the same.

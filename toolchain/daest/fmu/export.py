@@ -24,9 +24,9 @@ from daest.fmu.serialization import portable
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.model.fmu import ExportResult
 from daest.numerics.compiler import Platform, build_shared, native_platform, platform_named, text_of
-from daest.systems.initialize import initial_point
-from daest.systems.modes import in_starting_mode
-from daest.systems.reduce import reduce_index
+from daest.systems.events.modes import in_starting_mode
+from daest.systems.reduction.initialize import initial_point
+from daest.systems.reduction.reduce import reduce_index
 
 # -O1 compiles generated straight-line code several times faster than -O2 and runs as fast; contraction into
 # fused multiply-adds would make results differ between processors.

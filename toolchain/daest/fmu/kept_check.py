@@ -46,7 +46,7 @@ def _key(path: Path, theta: np.ndarray, at: Mapping[str, float] | None) -> str:
     versions = daest.__version__, np.__version__, ca.CasadiMeta.version(), native_platform().tuple_name
     found = hashlib.sha256(json.dumps([hash_of(path), theta.tolist(), point, *versions]).encode())
     root = Path(daest.__file__).parent
-    for file in sorted(file for folder in DECIDING for file in (root / folder).glob("*.py")):
+    for file in sorted(file for folder in DECIDING for file in (root / folder).rglob("*.py")):
         with contextlib.suppress(OSError):
             found.update(file.read_bytes())
     return found.hexdigest()

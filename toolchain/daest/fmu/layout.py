@@ -9,7 +9,7 @@ import casadi as ca
 
 from daest.errors import FmuError
 from daest.model.flat import ExplicitModel, FlatModel
-from daest.systems.event_functions import EventFunctions
+from daest.systems.events.event_functions import EventFunctions
 
 TIME = 0
 DAE_MODE = 1

@@ -119,7 +119,7 @@ def _matrices(dae: LinearDAE) -> list[np.ndarray]:
 
 
 def _symbolic(path: str | Path, theta: np.ndarray | None, at: Mapping[str, float] | None) -> LinearDAE:
-    from daest.systems.linearize import linearize
+    from daest.systems.linear.linearize import linearize
 
     flat: FlatModel | None = symbolic_model(path)
     if flat is None:

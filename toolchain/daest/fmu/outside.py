@@ -13,8 +13,8 @@ import numpy as np
 from daest.errors import ModelError
 from daest.fmu.drive import CONSTANT, MOST_STEPS, SIZE, STEPS, VARIABLE, Step
 from daest.model.effects import Effect, EffectParameter
-from daest.modelica.connectors import connectors_of
-from daest.modelica.effects import EffectModel, effect_model
+from daest.modelica.effects.catalogue import EffectModel, effect_model
+from daest.modelica.flat.connectors import connectors_of
 
 ANGLE = "rad"
 _OPERATIONS = dict(

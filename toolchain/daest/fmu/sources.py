@@ -14,8 +14,8 @@ import numpy as np
 from daest.errors import FmuError
 from daest.fmu.layout import Layout
 from daest.model.events import Events
-from daest.systems.event_functions import EventFunctions
-from daest.systems.event_update import EventUpdate, Mode
+from daest.systems.events.event_functions import EventFunctions
+from daest.systems.events.event_update import EventUpdate, Mode
 
 WRAPPER = "fmi3"
 EVENTS = "events.c"

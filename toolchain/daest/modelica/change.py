@@ -14,7 +14,7 @@ import casadi as ca
 from daest.errors import ModelError
 from daest.model.flat import FlatModel, Model
 from daest.model.parts import NoiseInput, Output, Parameter, Prior, prior_unused
-from daest.modelica.places import resolve_place
+from daest.modelica.places.place_names import resolve_place
 from daest.near import did_you_mean
 
 AnyModel = TypeVar("AnyModel", bound=Model)

@@ -9,23 +9,33 @@ from types import MappingProxyType
 
 from daest.errors import ModelError
 from daest.model.flat import FlatModel
-from daest.modelica import failures
-from daest.modelica import syntax as s
-from daest.modelica.assemble import assemble
-from daest.modelica.bus_members import expandable_connectors
 from daest.modelica.change import declare, with_values
-from daest.modelica.compiler import Job, compile_source, modification, with_room
-from daest.modelica.components import Classes
-from daest.modelica.constraining import (
+from daest.modelica.compiling.compiler import Job, compile_source, modification, with_room
+from daest.modelica.compiling.inner_values import with_inner_values
+from daest.modelica.flat.assemble import assemble
+from daest.modelica.flat.parameters import is_parameter
+from daest.modelica.forms.bus_members import expandable_connectors
+from daest.modelica.forms.constraining import (
     with_bases,
     with_common_bases,
     with_constrained_redeclarations,
     with_constraining_modifications,
 )
-from daest.modelica.dialect import Names, adapted, with_named_classes, without_broken, without_quotes
-from daest.modelica.excerpt import adapted_text, excerpt, may_extend, with_modifications
-from daest.modelica.inner_values import with_inner_values
-from daest.modelica.library import (
+from daest.modelica.forms.dialect import Names, adapted, with_named_classes, without_broken, without_quotes
+from daest.modelica.forms.excerpt import adapted_text, excerpt, may_extend, with_modifications
+from daest.modelica.forms.modifications import check_modifications
+from daest.modelica.forms.operator_names import check_operator_names
+from daest.modelica.forms.outer_variables import without_outer_variables
+from daest.modelica.forms.redeclarations import (
+    with_default_packages,
+    with_redeclared_components,
+    with_redeclared_parts,
+)
+from daest.modelica.forms.sizes import with_integer_constants
+from daest.modelica.language import failures
+from daest.modelica.language import syntax as s
+from daest.modelica.language.components import Classes
+from daest.modelica.language.library import (
     Roots,
     chosen_libraries,
     library_entries,
@@ -33,19 +43,9 @@ from daest.modelica.library import (
     library_roots,
     readable_roots,
 )
-from daest.modelica.modifications import check_modifications
-from daest.modelica.operator_names import check_operator_names
-from daest.modelica.outer_variables import without_outer_variables
-from daest.modelica.outline import class_heads, tokens
-from daest.modelica.parameters import is_parameter
-from daest.modelica.redeclarations import (
-    with_default_packages,
-    with_redeclared_components,
-    with_redeclared_parts,
-)
-from daest.modelica.sizes import with_integer_constants
-from daest.modelica.source import read_source, select_class
-from daest.modelica.table_files import Folders
+from daest.modelica.language.outline import class_heads, tokens
+from daest.modelica.language.source import read_source, select_class
+from daest.modelica.language.table_files import Folders
 
 __all__ = ["compile_model", "compile_text", "declare", "with_values"]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from daest.estimation.signals import fit_percent
+from daest.estimation.fitting.signals import fit_percent
 from daest.model.comparison import Comparison, Finding
 from daest.report import figures as style
 from daest.report.console import LEAST_P, probability

@@ -10,7 +10,7 @@ import numpy as np
 
 from daest.report import figures as style
 from daest.report.figures import ALARM, LINES, PANEL, SMALL
-from daest.systems.transfer import TransferFunction
+from daest.systems.linear.transfer import TransferFunction
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -30,8 +30,8 @@ from daest.report.texts import identify as identify_text
 from daest.report.texts import improve as improve_text
 from daest.report.texts import linearize as linearize_text
 from daest.report.texts import noise as noise_text
-from daest.systems.standard_form import standard_form
-from daest.systems.transfer import transfer_functions
+from daest.systems.linear.standard_form import standard_form
+from daest.systems.linear.transfer import transfer_functions
 
 WIDTH = 100  # columns where the output is no terminal
 UNRESTRICTED: Mapping[str, list[str]] = {"effects": [], "places": []}

@@ -14,9 +14,9 @@ from daest.model.estimates import FilterOptions
 from daest.model.experiment import Experiment
 from daest.model.flat import Dynamics, Model
 from daest.model.linear import StateSpace, StateSpaceFamily
-from daest.systems.linearize import is_affine_model
-from daest.systems.reduce import dynamics
-from daest.systems.state_space import state_space, state_space_family
+from daest.systems.linear.linearize import is_affine_model
+from daest.systems.linear.state_space import state_space, state_space_family
+from daest.systems.reduction.reduce import dynamics
 
 AnyModel = Model | Dynamics | StateSpaceFamily | StateSpace
 

@@ -8,14 +8,14 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import block_diag
 
-from daest.estimation.ekf import EkfRun, run_ekf
-from daest.estimation.filter_task import Task
+from daest.estimation.filter_engines.ekf import EkfRun, run_ekf
+from daest.estimation.filter_engines.filter_task import Task
+from daest.estimation.filter_engines.interpreted import project
+from daest.estimation.filter_engines.nonlinear_smoother import Joint, filtered_joint, smooth_ekf, smooth_ukf
+from daest.estimation.filter_engines.ukf import UkfRun, run_ukf
 from daest.estimation.filters.case import Case, Estimates
 from daest.estimation.filters.local import discrete_names, discrete_slots, prepared
-from daest.estimation.interpreted import project
-from daest.estimation.nonlinear_smoother import Joint, filtered_joint, smooth_ekf, smooth_ukf
-from daest.estimation.ukf import UkfRun, run_ukf
-from daest.systems.local_linear import internal_function, internal_names
+from daest.systems.simulation.local_linear import internal_function, internal_names
 
 CHUNK = 1000  # samples whose internal variables are evaluated at once
 

@@ -14,21 +14,21 @@ from typing import Literal
 import numpy as np
 
 from daest.errors import EstimationError
-from daest.estimation.filter_cost import LARGE, check_memory, filter_cost
+from daest.estimation.filter_engines.filter_cost import LARGE, check_memory, filter_cost
+from daest.estimation.filter_engines.kalman import kalman_filter, steady_sample, unobservable_states
+from daest.estimation.filter_engines.large_filter import LargeResult, can_stream, large_filter
+from daest.estimation.filter_engines.modes import has_equal_steps, models_by_interval
+from daest.estimation.filter_engines.smoother import smooth as smooth_record
+from daest.estimation.filter_engines.stationary import stationary_filter, without_unseen
 from daest.estimation.filters.case import Case, Estimates
+from daest.estimation.fitting.identifiability import combination_text
 from daest.estimation.gates import FIT
-from daest.estimation.identifiability import combination_text
-from daest.estimation.kalman import kalman_filter, steady_sample, unobservable_states
-from daest.estimation.large_filter import LargeResult, can_stream, large_filter
-from daest.estimation.modes import has_equal_steps, models_by_interval
-from daest.estimation.smoother import smooth as smooth_record
-from daest.estimation.stationary import stationary_filter, without_unseen
 from daest.model.estimates import InitialState, KalmanResult
 from daest.model.experiment import Experiment
 from daest.model.holds import Hold
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.gaussian import FREE_TOLERANCE, marginals
-from daest.systems.state_space import sample, space_for, stacked_inputs
+from daest.systems.linear.state_space import sample, space_for, stacked_inputs
 
 NAMED_AT_MOST = 8  # variables in a message
 # Time constants of a stationary filter that the record must hold for its start not to matter.

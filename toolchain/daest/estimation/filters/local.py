@@ -13,23 +13,23 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import EstimationError
-from daest.estimation.ekf import run_ekf
-from daest.estimation.filter_task import Noise, Record, Start, Task, record
+from daest.estimation.filter_engines.ekf import run_ekf
+from daest.estimation.filter_engines.filter_task import Noise, Record, Start, Task, record
+from daest.estimation.filter_engines.interpreted import project
+from daest.estimation.filter_engines.nonlinear_smoother import smooth_ekf
 from daest.estimation.filters.case import Case
+from daest.estimation.fitting.records import in_model_order
 from daest.estimation.gates import FIT
-from daest.estimation.interpreted import project
-from daest.estimation.nonlinear_smoother import smooth_ekf
-from daest.estimation.records import in_model_order
 from daest.model.estimates import InitialState
 from daest.model.flat import Dynamics, ExplicitModel
 from daest.model.holds import Hold
-from daest.systems.event_functions import EventFunctions
-from daest.systems.event_update import settled_start
-from daest.systems.initialize import initial_point
-from daest.systems.integrate import integrate, integrator
-from daest.systems.integration import IntegrationError
-from daest.systems.local_linear import local_model
-from daest.systems.redundant import good_everywhere, matching_states
+from daest.systems.events.event_functions import EventFunctions
+from daest.systems.events.event_update import settled_start
+from daest.systems.events.integration import IntegrationError
+from daest.systems.reduction.initialize import initial_point
+from daest.systems.reduction.redundant import good_everywhere, matching_states
+from daest.systems.simulation.integrate import integrate, integrator
+from daest.systems.simulation.local_linear import local_model
 
 MOST_SUBSTEPS = 64  # per median sample interval
 TINY = np.finfo(float).tiny

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from daest.estimation.filter_task import Task
+from daest.estimation.filter_engines.filter_task import Task
+from daest.estimation.filter_engines.hybrid_filter import HybridPoints
+from daest.estimation.filter_engines.particle import (
+    ContinuousPoints,
+    ParticleRun,
+    run_particles,
+    smooth_particles,
+)
 from daest.estimation.filters.case import Case, Estimates
 from daest.estimation.filters.local import discrete_names, prepared
-from daest.estimation.hybrid_filter import HybridPoints
-from daest.estimation.particle import ContinuousPoints, ParticleRun, run_particles, smooth_particles
-from daest.systems.local_linear import internal_names
+from daest.systems.simulation.local_linear import internal_names
 
 
 def estimate(case: Case, name: str) -> Estimates:

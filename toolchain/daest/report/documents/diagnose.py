@@ -7,8 +7,8 @@ from typing import Annotated, NotRequired, TypeAlias, TypedDict
 
 import numpy as np
 
-from daest.diagnosis.certainty import KnownProduct, known_products
-from daest.diagnosis.written import LOAD_FILE, Written, is_step
+from daest.diagnosis.answers.written import LOAD_FILE, Written, is_step
+from daest.diagnosis.built_in.certainty import KnownProduct, known_products
 from daest.model.diagnosis import (
     Candidate,
     CandidateVerdict,

@@ -17,8 +17,8 @@ from daest.report.documents.parts import (
     entry,
     equation_entry,
 )
-from daest.systems.linearize import ThetaEntry
-from daest.systems.transfer import HIGHEST_ORDER, TransferFunction, poles
+from daest.systems.linear.linearize import ThetaEntry
+from daest.systems.linear.transfer import HIGHEST_ORDER, TransferFunction, poles
 
 Rows = list[list[float | None]]
 

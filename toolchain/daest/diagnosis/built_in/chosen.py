@@ -1,0 +1,102 @@
+"""The candidates that a diagnosis looks at: effects at places, and columns of the recordings as causes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from daest.diagnosis.built_in.certainty import bends
+from daest.diagnosis.built_in.dead_times import DELAY
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.screening.candidates import pairs
+from daest.estimation.fitting.signals import is_constant
+from daest.model.diagnosis import Candidate
+from daest.model.effects import Effect, Site
+from daest.model.experiment import Experiment
+
+NYQUIST = 2.0  # samples in the shortest period that they tell
+
+
+def chosen_candidates(
+    library: Sequence[Effect],
+    places: Sequence[Site],
+    experiments: Sequence[Experiment],
+    options: DiagnoseOptions,
+    taken: Collection[str] = (),
+    unused: Sequence[str] = (),
+) -> tuple[Candidate, ...]:
+    """The effects of the library at the places where they fit, those that `options` name, under names that
+    are not `taken`. What is recorded and does nothing in the model may be what a law needs: columns, and
+    `unused` inputs. No dead time of the one output of a model whose inputs keep their levels: what runs by
+    itself is as late where it began elsewhere. Nothing with states of its own at an input that is zero, and
+    no bend at one that takes no more than two values: between them any law is a gain with an offset."""
+    library = [_within_samples(effect, experiments) for effect in library]
+    recorded = [*unused, *experiments[0].extra]
+    columns = [name for name in recorded if _is_new_signal(name, experiments, unused)]
+    whole = pairs(library, places, columns, taken, _driving(experiments, unused))
+    none = {
+        name for name in experiments[0].input_names if not any(np.any(e.input(name)) for e in experiments)
+    }
+    two = {name for name in experiments[0].input_names if _n_values(experiments, name) <= 2}
+    moves = not all(is_constant(u) for e in experiments for u in e.inputs.T)
+    runs_by_itself = not moves and len(experiments[0].output_names) == 1
+    return tuple(
+        c
+        for c in whole
+        if not (c.site.kind == "input" and c.site.name in unused)
+        and not (runs_by_itself and c.effect.class_name == DELAY and c.site.kind == "output")
+        and not (c.site.kind == "input" and c.is_dynamic and c.site.name in none)
+        and not (c.site.kind == "input" and c.site.name in two and bends(c))
+        and (
+            not options.effects or c.effect.name in options.effects or c.effect.class_name in options.effects
+        )
+        and (not options.places or {c.site.name, *c.site.aliases} & set(options.places))
+    )
+
+
+def _driving(experiments: Sequence[Experiment], unused: Sequence[str]) -> list[str]:
+    """The inputs that do something in the model and move in every recording."""
+    names = [name for name in experiments[0].input_names if name not in unused]
+    return [name for name in names if not any(is_constant(e.input(name)) for e in experiments)]
+
+
+def _n_values(experiments: Sequence[Experiment], name: str) -> int:
+    """How many values an input takes in all recordings."""
+    return len(np.unique(np.concatenate([e.input(name) for e in experiments])))
+
+
+def _within_samples(effect: Effect, experiments: Sequence[Experiment]) -> Effect:
+    """The effect, with periods of time that pass in two samples or more: a search that loses its way makes
+    them ever shorter, each integration takes longer, and no sample tells them."""
+    if not any(p.is_period_of_time for p in effect.parameters):
+        return effect
+    least = NYQUIST * min(e.median_step for e in experiments)
+    told = [
+        replace(p, min=max(p.min or 0.0, least), start=max(p.start, least)) if p.is_period_of_time else p
+        for p in effect.parameters
+    ]
+    return replace(effect, parameters=tuple(told))
+
+
+def _is_new_signal(name: str, experiments: Sequence[Experiment], unused: Sequence[str]) -> bool:
+    """Whether an unused signal could be a cause: it moves in every experiment, and it is not just another
+    form of an input or of a measured output (a command in other units, the reference of a control loop, a
+    speed beside a measured angle)."""
+    for experiment in experiments:
+        if name not in (*experiment.extra, *experiment.input_names) or np.ptp(experiment.signal(name)) == 0.0:
+            return False
+    column = np.concatenate([e.signal(name) for e in experiments])
+    known = np.concatenate([_known_signals(e, unused) for e in experiments])
+    table = np.column_stack([np.ones(column.size), known])
+    rest = column - table @ np.linalg.lstsq(table, column, rcond=None)[0]
+    return bool(np.sum(rest**2) > GATES.max_known_variance * np.sum((column - column.mean()) ** 2))
+
+
+def _known_signals(experiment: Experiment, unused: Sequence[str]) -> np.ndarray:
+    """Inputs that do something, outputs and rates of outputs (n_samples, n)."""
+    outputs = np.nan_to_num(experiment.outputs)
+    driving = [experiment.input(name) for name in experiment.input_names if name not in unused]
+    return np.column_stack([*driving, outputs, np.gradient(outputs, experiment.time, axis=0)])

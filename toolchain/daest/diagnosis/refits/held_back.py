@@ -1,0 +1,177 @@
+"""Laws that a lag of a sensor holds back.
+
+A speed that a controller forms from differences of an encoder comes some samples late. An unknown load takes
+this error for a force; a law in place of that load foresees the next samples worse, however right it is, and
+the lag alone foresees later ones worse for want of the law. Both are refused, although each would stand
+beside the other. What is missing is then looked for once more, with the lag in the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from daest.diagnosis.built_in.settled import FAILURES
+from daest.diagnosis.evidence.proof import bic_gain
+from daest.diagnosis.evidence.reasons import is_significant, told_values
+from daest.diagnosis.evidence.stand import Stand
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.options import DiagnoseOptions
+from daest.diagnosis.refits.rounds import accept, proved_again
+from daest.model.diagnosis import Diagnosis, Proof
+from daest.model.fit import FittedParameter, error_ratios
+from daest.numerics.deadline import OutOfTimeError, until
+from daest.numerics.statistics import chi2
+
+MOST_INSTEAD = 3  # lags of other signals that are tried beside a law
+
+
+def lags_in_the_way(found: Diagnosis) -> list[Proof]:
+    """The refused lags of signals, with as few states as any and the likeliest first, beside which a refused
+    law of another kind may be accepted: such a lag makes the recordings likelier than any law does, and what
+    it leaves follows a variable or was not looked at, since it foresees unseen data worse, or the simulation
+    of these is far better with a law, or far from them with the lag. Empty where something is accepted, but
+    for what explains far less than a lag does, for a law of another kind that its simulation alone shows
+    and that leaves errors far from the noise, and for a parameter that changes, which may do the work of
+    several laws, or there is no such lag."""
+    proofs = [p for p in found.proofs if not p.candidate.is_of_parameter]
+    outdoing = {p.candidate.label for p in proofs if p.verdict == "rejected" and _is_dynamics_of_signal(p)}
+    accepted = [
+        proof
+        for proof in proofs
+        if proof.verdict != "rejected" and not outdoing & set(proof.not_separable_from)
+    ]
+    if not all(
+        proof.is_by_use and _leaves_errors(proof) and not _is_dynamics_of_signal(proof) for proof in accepted
+    ):
+        return []
+    # By its simulation a law is likelier than that of the model, and not than a lag beside loads.
+    laws = [p for p in proofs if not p.candidate.is_dynamic and not p.is_by_use]
+    # Beside a lag that leaves nothing, none that is less likely has held anything back.
+    enough = [p for p in proofs if _is_dynamics_of_signal(p) and not _leaves_anything(p)]
+    least = max((p.delta_bic for p in (*laws, *enough)), default=0.0)
+    is_shown = bool(accepted) or any(_is_shown(found, p) for p in laws)
+    likely = [
+        p
+        for p in proofs
+        if _is_dynamics_of_signal(p)
+        and p.delta_bic > max(least, GATES.min_told_bic_gain)
+        and (is_shown or _leaves_anything(p))
+    ]
+    fewest = min((p.candidate.effect.n_states for p in likely), default=0)
+    return sorted(
+        (p for p in likely if p.candidate.effect.n_states == fewest), key=lambda p: p.delta_bic, reverse=True
+    )
+
+
+def lag_instead(stand: Stand, others: Sequence[Proof], law: Proof, options: DiagnoseOptions) -> Proof | None:
+    """The one of the first of some `others` lags that the model of `stand` should have in place of the
+    likeliest one, beside which the `law` was accepted; None where the recordings are no likelier with any.
+    Alone, a lag of a sensor also rounds what the missing law does, and so it may lead that of an input."""
+    found: list[tuple[float, Proof]] = []
+    if law.is_by_use:  # its fit is that of a simulation
+        return None
+    with suppress(OutOfTimeError), until(options.until):
+        for other in others[:MOST_INSTEAD]:
+            with suppress(*FAILURES):
+                again = proved_again(accept(stand, other, options.jobs), law, law.fit.theta)
+                found.append((again.fit.log_likelihood, other))
+    best = max(found, key=lambda one: one[0], default=None)
+    gain = 0.0 if best is None else 2.0 * (best[0] - law.fit.log_likelihood)
+    return best[1] if best is not None and gain > GATES.min_bic_gain else None
+
+
+def _is_dynamics_of_signal(proof: Proof) -> bool:
+    """Whether a law brings a signal dynamics of its own, such as a lag."""
+    return proof.candidate.is_dynamic and proof.candidate.is_of_signal
+
+
+def _leaves_anything(proof: Proof) -> bool:
+    return _leaves_a_form(proof) or _leaves_errors(proof)
+
+
+def _leaves_a_form(proof: Proof) -> bool:
+    """Whether what a lag leaves follows a variable, or may."""
+    return proof.left is None or is_significant(proof.left, 0.0)
+
+
+def _leaves_errors(proof: Proof) -> bool:
+    """Whether unseen data are simulated with errors far above the noise of a sensor."""
+    noise = {n.name: n.value for n in proof.fit.noises if n.kind == "measurement"}
+    unseen = proof.told.simulated.get("validation")
+    left = {} if unseen is None else unseen.rms
+    return any(name in noise and error > GATES.max_noise_left * noise[name] for name, error in left.items())
+
+
+def _is_shown(found: Diagnosis, proof: Proof) -> bool:
+    """Whether the simulation with a refused law foresees unseen data far better than that without."""
+    if not proof.is_known or proof.delta_bic < GATES.min_told_bic_gain:
+        return False
+    ratios = error_ratios(found.baseline.simulated, proof.told.simulated)
+    return max(ratios, default=np.inf) < GATES.max_told_ratio
+
+
+def _is_gone(lag: Proof, law: Proof) -> bool:
+    """Whether nothing is left of the lag beside the law that was accepted there. A whole simulation tells the
+    time of a short lag roughly, by errors that last; the time that predictions tell, and it confirms, is
+    there."""
+    sizes = {f"{lag.candidate.name}.{p.name}" for p in lag.candidate.effect.sizes}
+    own = [p for p in law.told.parameters if p.name in sizes]
+    beside_loads = {p.name: p for p in law.fit.parameters if _is_known(p)}
+    return bool(own) and not any(
+        _is_known(p) or (p.name in beside_loads and _is_within(p, beside_loads[p.name])) for p in own
+    )
+
+
+def _is_known(parameter: FittedParameter) -> bool:
+    return bool(parameter.std_error and abs(parameter.value) > GATES.min_significance * parameter.std_error)
+
+
+def _is_within(rough: FittedParameter, other: FittedParameter) -> bool:
+    """Whether an estimate is within its standard error of another one, and off zero by more than that."""
+    error = rough.std_error or 0.0
+    return abs(rough.value - other.value) <= error < abs(rough.value)
+
+
+def _simulates_worse(both: Proof, stand: Stand) -> bool:
+    """Whether unseen data are simulated no better with a law and a lag than without, where errors do not add
+    up: whatever they gain beside loads, they are not what the machine does."""
+    if stand.reference is None or stand.reference.adds_up:
+        return False
+    ratios = error_ratios(stand.told.simulated, both.told.simulated)
+    return bool(ratios) and float(np.mean(np.square(ratios))) >= 1.0
+
+
+def told_beside(lag: Proof, stand: Stand, beside: Stand) -> Proof:
+    """The proof of a lag by the model of `beside`, that of `stand` with the lag."""
+    gain = beside.baseline.log_likelihood - stand.baseline.log_likelihood
+    n_own = lag.candidate.n_unknowns
+    return replace(
+        lag,
+        fit=beside.baseline,
+        delta_log_likelihood=gain,
+        delta_bic=bic_gain(gain, n_own, stand.null),
+        p_value=float(chi2.sf(2.0 * max(gain, 0.0), n_own)),
+        verdict="supported",
+        reason="",
+        final=beside.told,
+    )
+
+
+def with_lag(second: Diagnosis, lag: Proof, stand: Stand) -> Diagnosis | None:
+    """The diagnosis beside a lag, with this told; None where it accepts nothing, nothing beside which the lag
+    is still there, or nothing with which unseen data are simulated any better than by the model of
+    `stand`."""
+    accepted = [proof for proof in second.proofs if proof.verdict != "rejected"]
+    if not accepted or _is_gone(lag, accepted[0]) or _simulates_worse(accepted[0], stand):
+        return None
+    lag = replace(lag, final=accepted[0].told)  # beside what had held it back
+    message = (
+        f"{second.message} {lag.candidate.label} ({told_values(lag)}) is missing besides: each of both shows "
+        "only beside the other, and errors are told beside it."
+    )
+    others = [proof for proof in second.proofs if proof.verdict == "rejected"]
+    return replace(second, message=message, proofs=(*accepted, lag, *others))

@@ -1,0 +1,761 @@
+"""Rivals that the screen cannot score: effects that change the order of the model, and richer laws of the
+best one.
+
+An effect without a regular null has no derivative there; it is fitted by output error instead, which is cheap
+while the model stays affine. A richer law at the same place often hides behind the simple one (Stribeck
+behind Coulomb friction): it starts from the simple one's fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
+
+import casadi as ca
+import numpy as np
+
+from daest.diagnosis.built_in.dead_times import DELAY, SHIFTS, best_shift
+from daest.diagnosis.built_in.late_signals import LAG
+from daest.diagnosis.built_in.settled import FAILURES
+from daest.diagnosis.built_in.trials import SHARPER, Prepared, Trial, with_kinks_bounded
+from daest.diagnosis.evidence.proof import bic_gain
+from daest.diagnosis.evidence.ranking import errors_last, most_likely
+from daest.diagnosis.evidence.reasons import NO_BEND, STRAIGHT, unseen_scales
+from daest.diagnosis.gates import GATES
+from daest.diagnosis.null_model.null import Null, period_of, simulation_options
+from daest.diagnosis.screening.candidates import with_shapes
+from daest.diagnosis.screening.screen import NullObserver
+from daest.errors import DaestError
+from daest.estimation.fitting.coordinates import Unknowns
+from daest.estimation.identify import identify, searched
+from daest.estimation.nonlinear.trajectories import TrajectoryProblem, prediction_errors
+from daest.model.diagnosis import Candidate, Proof, Screen, Screened
+from daest.model.effects import Effect
+from daest.model.experiment import Experiment
+from daest.model.fit import FitResult, FittedParameter, IdentifyOptions
+from daest.model.flat import FlatModel, with_equations
+from daest.modelica.effects.attach import attach
+from daest.systems.linear.linearize import has_affine_dynamics
+from daest.systems.linear.state_space import state_space_family
+from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import integrator
+
+MOST_DYNAMIC = 2  # of them go to the proof
+MOST_RICHER = 2
+OTHER_SIZES = (0.5, 2.0)  # times that of a refit, from which it is searched again
+MOST_SIMPLER = 2
+MOST_SHAPED = 2  # of the place of an accepted law, beside it
+MOST_ROUNDED = 2  # laws at other places
+ITERATIONS = 15
+LAGS = (1.0, 10.0, 100.0)  # sampling periods, from which the size of a delay or lag is looked for
+BENT_LAGS = LAGS[:2]  # the same where every run takes longer
+DETECTABLE_SHARES = (10.0, 100.0)  # of the size that the screen would see, for storage
+START_SHARES = (1.0, 30.0)  # of the library's start value, for sizes whose scale the machine decides
+RTOL = 1e-4
+
+
+@dataclass(frozen=True)
+class _Effort:
+    """Of a search from several starts: `iterations` from each, then to the end from the `most` best of those
+    that have gained `least_gain` in log-likelihood. Of more than `followed` starts, those that are best after
+    a single iteration."""
+
+    iterations: int
+    most: int
+    least_gain: float
+    followed: int = 100
+
+
+DYNAMIC = _Effort(iterations=4, most=1, least_gain=1.0)
+STORAGE = _Effort(iterations=1, most=2, least_gain=-np.inf)
+BENT = _Effort(iterations=5, most=1, least_gain=0.0, followed=3)  # a model that bends, whose runs take longer
+
+Simulation = tuple[float, dict[str, float]]  # log-likelihood and all parameters of a fit by simulation
+Fit = Callable[[IdentifyOptions], Simulation]
+DynamicFits = Sequence[tuple[float, Prepared]]  # log-likelihoods of simulations with the effects
+
+
+def dynamic_fits(null: Null, wanted: Sequence[Candidate], simulation: Simulation) -> DynamicFits:
+    """Output-error fits of those of the wanted effects with states that improve the simulation; for models
+    with affine dynamics, where such a fit takes a fraction of a second.
+
+    They start from the `simulation` of the model as it is (`best_simulation`): beside loads that are free
+    enough to take the place of an effect with states, the null's parameters may have gone anywhere."""
+    fits = []
+    for one in wanted:
+        starts = _from_period(null, one, LAGS) if one.is_of_signal else _from_library(one)
+        fits.append(_best_fit(null, one, starts, simulation, DYNAMIC))
+    return _improving(fits, simulation)
+
+
+def storage_fits(
+    null: Null, found: Screen, wanted: Sequence[Candidate], simulation: Simulation
+) -> DynamicFits:
+    """Output-error fits of the wanted effects with states of their own, those that leave the dynamics affine
+    and improve the simulation: a mass that hangs on a spring, a wall behind a room. Half of its own mass
+    moves a resonance so far that no derivative at size zero tells of it. They start from the shapes of the
+    screen `found`, with multiples of the sizes that it would see."""
+    fits = [_best_fit(null, one, _from_screen(found, one), simulation, STORAGE) for one in wanted]
+    return _improving(fits, simulation)
+
+
+def bent_fits(
+    null: Null,
+    found: Screen,
+    wanted: Sequence[Candidate],
+    nominal: FitResult,
+    lags: DynamicFits = (),
+) -> DynamicFits:
+    """Output-error fits of those of the wanted effects with states that improve the simulation of a model
+    that is not affine, started from the `nominal` one (`nominal_simulation`), delays from multiples of the
+    sampling period: as many fits of a model that bends as for an affine one would take too long. Where
+    `lags` were found at the same signal, a dead time starts from the shift of the recordings that fits best
+    beside one, and is not fitted where that comes nowhere near to it."""
+    simulation, fits = (nominal.log_likelihood, nominal.theta), []
+    for candidate in wanted:
+        lag = _lag_at(candidate, lags)
+        if candidate.effect.class_name == DELAY and candidate.is_of_recorded and lag is not None:
+            fits.append(_dead_time(null, candidate, nominal, lag))
+            continue
+        if candidate.is_of_signal:
+            starts = _from_period(null, candidate, BENT_LAGS)
+        else:
+            starts = _from_library(candidate) if candidate.is_dynamic else _from_screen(found, candidate)
+        fits.append(_best_fit(null, candidate, starts, simulation, BENT))
+    return _improving(fits, simulation)
+
+
+def _from_period(null: Null, candidate: Candidate, shares: Sequence[float]) -> list[dict[str, float]]:
+    """Sizes of an effect that delays a signal: how fast the machine is the library cannot know, the one who
+    chose the sampling period did."""
+    own = candidate.effect.sizes[0].name
+    return [{own: share * period_of(null.experiments)} for share in shares]
+
+
+def _lag_at(candidate: Candidate, lags: DynamicFits) -> tuple[float, Prepared] | None:
+    """The likeliest of the `lags` at the signal of a candidate."""
+    there = [pair for pair in lags if pair[1].trial.candidate.site == candidate.site]
+    return max(there, key=lambda pair: pair[0], default=None)
+
+
+def _dead_time(
+    null: Null, candidate: Candidate, nominal: FitResult, lag: tuple[float, Prepared]
+) -> tuple[float, Prepared] | None:
+    """The output-error fit of a dead time, from the best shift of the recordings near to the time constant of
+    the `lag`; None where a shift gains much less than that does."""
+    value, prepared = lag
+    values = {p.name: p.value for p in prepared.flat.parameters}
+    own = prepared.trial.candidate
+    T = values[f"{own.name}.{own.effect.sizes[0].name}"]
+    start = {name: nominal.theta[name] for name in null.estimated}
+    options = replace(simulation_options(null, null.estimated, ITERATIONS), start=start, rtol=RTOL)
+    shift = best_shift(null, candidate.site, [share * T for share in SHIFTS], options)
+    before = nominal.log_likelihood
+    if shift is None or shift.log_likelihood - before < GATES.min_shift_gain * (value - before):
+        return None
+    size = {candidate.effect.sizes[0].name: shift.delay}
+    return _best_fit(null, candidate, [size], (before, {**nominal.theta, **shift.theta}), BENT)
+
+
+def _from_library(candidate: Candidate) -> list[dict[str, float]]:
+    return [{p.name: share * p.start for p in candidate.effect.sizes} for share in START_SHARES]
+
+
+def _from_screen(found: Screen, candidate: Candidate) -> list[dict[str, float]]:
+    shaped = [e for e in found.entries if e.candidate.name.rpartition("_")[0] == candidate.name]
+    return [
+        {**entry.candidate.shape, candidate.effect.sizes[0].name: share * entry.detectable}
+        for entry in shaped
+        for share in DETECTABLE_SHARES
+        if np.isfinite(entry.detectable) and entry.detectable > 0.0
+    ]
+
+
+def nominal_simulation(null: Null, reference: FitResult) -> FitResult | None:
+    """The output-error fit of a model that is not affine as it is, which the `reference` may be, and which
+    starts there; None where it fails."""
+    if reference.method == "oe":
+        return reference
+    start = {name: reference.theta[name] for name in null.estimated}
+    with suppress(*FAILURES):
+        options = simulation_options(null, null.estimated, ITERATIONS)
+        return identify(null.flat, null.experiments, replace(options, start=start))
+    return None
+
+
+def _improving(fits: Sequence[tuple[float, Prepared] | None], simulation: Simulation) -> DynamicFits:
+    return [fit for fit in fits if fit is not None and fit[0] - simulation[0] >= GATES.min_dynamic_gain]
+
+
+def best_dynamic(null: Null, parts: Sequence[DynamicFits]) -> tuple[Prepared, ...]:
+    """The best of all parts of `dynamic_fits` by the criterion of Bayes, each law with the places where it
+    does the same; and besides a law that delays a signal with many states the one that does with the fewest.
+    Those states take up what else is missing, so that a dead time may simulate better where a lag is."""
+    found: list[tuple[float, Prepared]] = []
+    for best in chain.from_iterable(parts):
+        same = next((i for i, (value, p) in enumerate(found) if _is_same(value, p, best)), None)
+        if same is None:
+            found.append(best)
+        else:
+            value, first = found[same]
+            alike = (*first.trial.alike, best[1].trial.candidate)
+            found[same] = (value, replace(first, trial=replace(first.trial, alike=alike)))
+    found.sort(key=lambda pair: -bic_gain(pair[0], pair[1].n_unknowns(null.estimated), null))
+    ordered = [prepared for _, prepared in found]
+    return tuple(_with_simplest(ordered[:MOST_DYNAMIC], ordered))
+
+
+def _with_simplest(chosen: list[Prepared], all_of_them: Sequence[Prepared]) -> list[Prepared]:
+    """The chosen ones, and those of all that delay the same signals as they do with fewer states."""
+    for one in list(chosen):
+        candidate = one.trial.candidate
+        simpler = [
+            other
+            for other in all_of_them
+            if candidate.is_of_signal
+            and candidate.site in [place.site for place in _places(other)]
+            and other.trial.candidate.effect.n_states < candidate.effect.n_states
+            and not any(other is known for known in chosen)
+        ]
+        chosen += sorted(simpler, key=lambda other: other.trial.candidate.effect.n_states)[:1]
+    return chosen
+
+
+def _places(prepared: Prepared) -> tuple[Candidate, ...]:
+    """The places where a law is known to do the same."""
+    return (prepared.trial.candidate, *prepared.trial.alike)
+
+
+def _is_same(value: float, prepared: Prepared, other: tuple[float, Prepared]) -> bool:
+    effects = (prepared.trial.candidate.effect.class_name, other[1].trial.candidate.effect.class_name)
+    return effects[0] == effects[1] and abs(value - other[0]) < GATES.same_fit
+
+
+def _best_fit(
+    null: Null,
+    candidate: Candidate,
+    starts: Sequence[Mapping[str, float]],
+    simulation: Simulation,
+    effort: _Effort,
+) -> tuple[float, Prepared] | None:
+    """The likeliest output-error fit of the model with a candidate, from some of its parameters at each of
+    the `starts`, the others as declared; None where the model has no fit (`_model_with`) or none gains enough
+    to be pursued."""
+    model = _model_with(null, candidate, starts[0]) if starts else None
+    if model is None:
+        return None
+    flat, fitted = model
+    names = (*null.estimated, *candidate.estimated)
+    nominal, known = simulation
+    options = replace(simulation_options(null, names, ITERATIONS), least=nominal + GATES.min_dynamic_gain)
+
+    def followed(begun: Sequence[Mapping[str, float]], iterations: int) -> list[Simulation]:
+        found = []
+        for start in begun:
+            with suppress(*FAILURES):
+                found.append(fitted(replace(options, start=start, max_iterations=iterations)))
+        return sorted(found, key=_likelihood, reverse=True)
+
+    def begun_at(values: Mapping[str, float]) -> dict[str, float]:
+        own = {f"{candidate.name}.{name}": value for name, value in values.items()}
+        start = {name: known[name] for name in null.estimated}
+        return start | {name: value for name, value in own.items() if name in names}
+
+    begun = [begun_at(values) for values in starts]
+    if len(begun) > effort.followed:
+        begun = [{name: theta[name] for name in names} for _, theta in followed(begun, 1)[: effort.followed]]
+    first = followed(begun, effort.iterations)
+    pursued = [fit for fit in first[: effort.most] if fit[0] - nominal >= effort.least_gain]
+    ends = list(pursued)
+    for _, theta in pursued:
+        with suppress(*FAILURES):
+            whole = replace(options, start={name: theta[name] for name in names})
+            ends.append(fitted(whole))
+    if not ends:
+        return None
+    value, theta = max(ends, key=_likelihood)
+    sizes = tuple(theta[f"{candidate.name}.{p.name}"] for p in candidate.effect.sizes)
+    trial = Trial(candidate, sizes, (), is_seen_in_use=True)
+    return value, Prepared(trial, flat.with_theta(theta), names, simulated=value)
+
+
+def _model_with(
+    null: Null, candidate: Candidate, values: Mapping[str, float]
+) -> tuple[FlatModel, Fit] | None:
+    """The model with the candidate, whose parameters have the `values`, and what fits it; None where it
+    cannot be solved, or is not affine although the model without the candidate is."""
+    try:
+        flat = attach(null.flat, candidate.effect, candidate.site, candidate.name, values)
+        explicit = reduce_index(flat)
+        if has_affine_dynamics(explicit):
+            return flat, partial(searched, state_space_family(explicit), null.experiments)
+    except DaestError:
+        return None
+    return None if has_affine_dynamics(null.explicit) else (flat, partial(_bent_fit, flat, null.experiments))
+
+
+def _bent_fit(flat: FlatModel, experiments: Sequence[Experiment], options: IdentifyOptions) -> Simulation:
+    fit = identify(flat, experiments, replace(options, rtol=RTOL))
+    return fit.log_likelihood, fit.theta
+
+
+def _likelihood(found: Simulation) -> float:
+    return found[0]
+
+
+def best_simulation(null: Null) -> Simulation | None:
+    """The better of two fits of the model as it is by simulation, from the null's parameters and from those
+    that its search began with; None where neither succeeds, and where its dynamics are not affine."""
+    if not has_affine_dynamics(null.explicit):
+        return None
+    begun = {p.name: p.initial for p in null.fit.parameters if p.name in null.estimated}
+    family, found = state_space_family(null.explicit), []
+    for start in ({}, begun):
+        with suppress(DaestError):
+            options = replace(simulation_options(null, null.estimated, ITERATIONS), start=start)
+            found.append(searched(family, null.experiments, options))
+    return max(found, key=_likelihood, default=None)
+
+
+def no_richer_ones(best: Proof, tried: Sequence[Proof]) -> list[Proof]:
+    """Other laws for the same at the place of `best`, with no more parameters, that are not much less likely
+    than it."""
+    return [
+        p
+        for p in tried
+        if p.candidate.site == best.candidate.site
+        and _is_related(p.candidate.effect, best.candidate.effect)
+        and len(p.candidate.estimated) <= len(best.candidate.estimated)
+        and p.fit.log_likelihood > best.fit.log_likelihood - GATES.hopeless_log_likelihood
+    ]
+
+
+def kinked_elsewhere(best: Proof, tried: Sequence[Proof]) -> list[Proof]:
+    """The likeliest laws at other places whose kinks are rounded as the screen had them, where the kink of
+    `best` is as round as the recordings have it: dry friction behind a controller is much like a dead zone in
+    it, and which of the two they are tells the kink."""
+    if not _fitted_kinks(best):
+        return []
+    least = GATES.min_doubted_gain * best.delta_log_likelihood
+    doubted = [
+        p
+        for p in tried
+        if p.candidate.site != best.candidate.site
+        and p.delta_log_likelihood > least
+        and any(own.role == "sharpness" for own in p.candidate.effect.parameters)
+        and not _fitted_kinks(p)
+    ]
+    return sorted(doubted, key=lambda p: -p.delta_log_likelihood)[:MOST_ROUNDED]
+
+
+def _fitted_kinks(proof: Proof) -> list[str]:
+    """The parameters that round a kink of the law and were fitted."""
+    candidate, fitted = proof.candidate, {p.name for p in proof.fit.parameters}
+    names = [f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.role == "sharpness"]
+    return [name for name in names if name in fitted]
+
+
+def rounded(null: Null, proofs: Sequence[Proof]) -> tuple[Prepared, ...]:
+    """The laws once more, with their kinks as round as the recordings have them.
+
+    A kink that is rounder or sharper than the machine's leaves something at every change of sign, which a
+    richer law, or a further round, would take for more than that.
+    """
+    found = []
+    for proof in proofs:
+        candidate = proof.candidate
+        kinks = [f"{candidate.name}.{p.name}" for p in candidate.effect.parameters if p.role == "sharpness"]
+        if kinks:
+            trial = Trial(candidate, proof.sizes, _at_other_places(candidate, proof))
+            flat = with_kinks_bounded(with_equations(proof.flat, "a refit"), [candidate])
+            names = (*null.estimated, *candidate.estimated, *kinks)
+            # Without its parameters' worth it does not take the place of the law that it starts from.
+            useless = proof.fit.log_likelihood - 0.5 * bic_gain(0.0, len(kinks), null)
+            found.append(Prepared(trial, flat, names, similar=proof.fit, useless=useless))
+    return tuple(found)
+
+
+def with_held_shapes(null: Null, proofs: Sequence[Proof]) -> Prepared | None:
+    """Of laws that were refused for shapes of theirs the likeliest, once more with these held: a shape that
+    came to its bound there, with it what the data no longer know (bristles whose friction is no larger at low
+    speed are the model of Dahl); a scale of which the recordings show too little, with numbers that count for
+    something on that scale alone as the law declares them. None where there is none."""
+    refused = [p for p in proofs if p.verdict == "rejected" and p.delta_bic > GATES.min_bic_gain]
+    for proof in sorted(refused, key=lambda p: -p.delta_bic):
+        held = _at_bounds(proof) or _without_unseen_scales(null, proof)
+        if held:
+            return _with_held(null, proof, held)
+    return None
+
+
+def _at_bounds(proof: Proof) -> dict[str, float]:
+    shapes = _fitted_shapes(proof)
+    if not any(shape.at_bound for shape in shapes.values()):
+        return {}
+    return {n: p.value for n, p in shapes.items() if p.at_bound or p.std_error is None}
+
+
+def _without_unseen_scales(null: Null, proof: Proof) -> dict[str, float]:
+    """The scales of which the recordings show too little, with the numbers at which the law does without
+    them; empty where it needs one of them at any value of these."""
+    candidate, shapes = proof.candidate, _fitted_shapes(proof)
+    declared = {p.name: p for p in candidate.effect.parameters if p.name in shapes}
+    numbers = {
+        name: 0.0 for name, p in declared.items() if p.start == 0.0 and not p.scale_of and not p.periods_over
+    }
+    if not numbers:
+        return {}
+    flat = with_equations(proof.flat, "a refit")
+    model = replace(null, flat=flat, explicit=reduce_index(flat))
+    scales = {name: value for name, (value, _) in unseen_scales(model, candidate, proof.told).items()}
+    symbols = dict(zip(flat.parameter_names, ca.vertsplit(flat.theta), strict=True))
+    given = ca.vertcat(*(symbols[f"{candidate.name}.{name}"] for name in numbers))
+    without = ca.substitute(flat.residual, given, ca.SX.zeros(given.numel()))
+    needed = [name for name in scales if ca.depends_on(without, symbols[f"{candidate.name}.{name}"])]
+    return {} if needed or not scales else {**scales, **numbers}
+
+
+def _with_held(null: Null, proof: Proof, held: Mapping[str, float]) -> Prepared:
+    candidate = proof.candidate
+    parameters = tuple(
+        replace(p, estimate=p.estimate and p.name not in held) for p in candidate.effect.parameters
+    )
+    simpler = replace(
+        candidate,
+        effect=replace(candidate.effect, parameters=parameters),
+        shape={**candidate.shape, **held},
+    )
+    trial = Trial(simpler, proof.sizes, _at_other_places(simpler, proof))
+    values = {f"{candidate.name}.{name}": value for name, value in held.items()}
+    flat = with_equations(proof.flat, "a refit").with_theta(values)
+    return Prepared(trial, flat, (*null.estimated, *simpler.estimated), similar=proof.fit)
+
+
+def _fitted_shapes(proof: Proof) -> dict[str, FittedParameter]:
+    """Those of the law's shapes that were estimated, by name."""
+    candidate, found = proof.candidate, {p.name: p for p in proof.fit.parameters}
+    shapes = [p.name for p in candidate.effect.parameters if p.role == "shape"]
+    return {name: found[own] for name in shapes if (own := f"{candidate.name}.{name}") in found}
+
+
+def other_forms(null: Null, best: Proof) -> tuple[Prepared, ...]:
+    """The law of `best` in its other forms, between which no number leads: a damper that stands behind a play
+    or bridges it, friction that is larger in one direction or in the other. A small effect hardly tells them
+    apart, so that the screen may have taken the wrong one."""
+    candidate, found = best.candidate, []
+    for p in candidate.effect.parameters:
+        is_choice = p.role == "shape" and not p.estimate and not p.scale_of and not p.periods_over
+        for value in p.grid if is_choice else ():
+            if value != candidate.shape.get(p.name, p.start):
+                other = replace(candidate, shape={**candidate.shape, p.name: value})
+                flat = with_equations(best.flat, "a refit").with_theta({f"{candidate.name}.{p.name}": value})
+                trial = Trial(other, best.sizes, _at_other_places(other, best))
+                found.append(Prepared(trial, flat, (*null.estimated, *candidate.estimated)))
+    return tuple(found)
+
+
+def richer_laws(
+    null: Null, run: NullObserver, best: Proof, library: Sequence[Effect], tried: Sequence[Proof]
+) -> tuple[Prepared, ...]:
+    """Effects with more parameters and a size of the same unit in place of `best`, started from its fit in
+    the shape that simulates best; those that were fitted from a worse start are tried again."""
+    simple = best.candidate
+    n_own = len(simple.estimated)
+    rivals = [
+        Candidate(effect, simple.site, f"{simple.name}_{i + 1}")
+        for i, effect in enumerate(library)
+        if _is_related(effect, simple.effect)
+        and not effect.is_dynamic
+        and not effect.inputs
+        and sum(p.estimate for p in effect.parameters) > n_own
+    ]
+    # A richer law that came no further than the simple one has found just that.
+    least = best.fit.log_likelihood + GATES.min_richer_gain
+    further = {p.candidate.effect.class_name for p in tried if p.fit.log_likelihood > least}
+    rivals = [r for r in rivals if r.effect.class_name not in further]
+    known_laws = [p for p in tried if p.candidate.site == simple.site]
+    likeliest = {
+        name: max(p.fit.log_likelihood for p in known_laws if p.candidate.effect.class_name == name)
+        for name in {p.candidate.effect.class_name for p in known_laws}
+    }
+    if not rivals:
+        return ()
+    first, filtered = null.experiments[0], run.observed[0].filtered
+    states = dict(zip(run.state_names, filtered.T, strict=True))
+    shaped, _ = with_shapes(null.flat, rivals, first.time, states, first.inputs)
+    size = best.fit.theta[f"{simple.name}.{simple.effect.sizes[0].name}"]
+    scored: dict[str, tuple[float, Prepared]] = {}
+    for candidate in shaped:
+        prepared = _in_place(null, best, candidate, size)
+        value = None if prepared is None else _simulation_value(null, best, prepared)
+        known = scored.get(candidate.effect.class_name)
+        if prepared is not None and value is not None and (known is None or value < known[0]):
+            useless = likeliest.get(candidate.effect.class_name, -np.inf)
+            scored[candidate.effect.class_name] = (value, replace(prepared, useless=useless))
+    order = sorted(scored.values(), key=lambda pair: pair[0])
+    return tuple(prepared for _, prepared in order[:MOST_RICHER])
+
+
+def shortest_lag(proofs: Sequence[Proof]) -> Proof | None:
+    """The lag that is refused for nothing but that it is short beside the model, where it is the likeliest of
+    all such; None where there is none."""
+    short = [p for p in proofs if p.is_any_dynamics]
+    best = max(short, key=lambda p: p.delta_bic, default=None)
+    if best is None or best.candidate.effect.class_name != LAG:
+        return None
+    others = [p.delta_bic for p in short if p is not best and p.candidate.site != best.candidate.site]
+    return best if best.delta_bic >= max(others, default=0.0) + GATES.min_bic_gain else None
+
+
+def straight_laws(candidates: Sequence[Candidate], proofs: Sequence[Proof]) -> list[Trial]:
+    """A gain and an offset where the likeliest of all laws is refused since it bends nothing: the screen
+    leaves out what refitted parameters do nearly all of, and what they cannot do of it may say most."""
+    best = most_likely(proofs)
+    if best is None or best.verdict != "rejected" or not best.reason.startswith(NO_BEND):
+        return []
+    return [
+        Trial(one, tuple(one.effect.null_values.values()), ())
+        for one in candidates
+        if one.effect.class_name in STRAIGHT and one.site == best.candidate.site
+    ]
+
+
+def told_apart(lag: Proof, dead_times: Sequence[Proof]) -> Proof:
+    """The `lag`, accepted where the likeliest of the `dead_times` at its signal is far from it; as it is
+    where none could be refitted."""
+    likeliest = max((p.fit.log_likelihood for p in dead_times), default=np.inf)
+    if lag.fit.log_likelihood - likeliest < GATES.min_told_lag:
+        return lag
+    return replace(lag, verdict="supported", reason="", is_any_dynamics=False)
+
+
+def simplest_first(chosen: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
+    """The chosen candidates without those that say more of what a simpler one of them says, and these: at one
+    place, of laws for the same, the one with the fewest parameters goes first. From its fit a richer one ends
+    sooner and elsewhere than from the screen, and is not needed where the simple one leaves nothing."""
+    is_richer = [any(_goes_beyond(one, other.trial.candidate) for other in chosen) for one in chosen]
+    pairs = list(zip(chosen, is_richer, strict=True))
+    return [one for one, richer in pairs if not richer], [one for one, richer in pairs if richer]
+
+
+def not_begun_by(best: Proof | None, richer: Sequence[Prepared]) -> list[Prepared]:
+    """Of `richer` laws those that are not started from the fit of `best` (`richer_laws`)."""
+    return [one for one in richer if best is None or not _goes_beyond(one, best.candidate)]
+
+
+def _goes_beyond(richer: Prepared, simple: Candidate) -> bool:
+    rich = richer.trial.candidate
+    is_related = rich.site == simple.site and _is_related(rich.effect, simple.effect)
+    return is_related and len(rich.estimated) > len(simple.estimated)
+
+
+def simpler_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
+    """Effects with fewer parameters and a size of the same unit at the place of `best`, which were not tried:
+    what a law with too many parameters cannot prove, a simpler one may."""
+    known = {p.candidate.effect.class_name for p in tried if p.candidate.site == best.candidate.site}
+    found = [
+        Trial(entry.candidate, entry.sizes, _at_other_places(entry.candidate, best))
+        for entry in _simpler_ones(best.candidate, screen)
+        if entry.candidate.effect.class_name not in known and not entry.absorbed
+    ]
+    return tuple(found[:MOST_SIMPLER])
+
+
+def from_other_sizes(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
+    """Laws with fewer parameters than the accepted `best` at its place, of which the screen saw more and
+    whose refits have ended behind it, once more from other sizes: a play has an optimum at half its width,
+    where soft stops take its place."""
+    scores = {entry.candidate.name: entry.score for entry in screen.entries}
+    own = best.candidate
+    behind = [
+        proof
+        for proof in tried
+        if proof.candidate.site == own.site
+        and proof.candidate.n_unknowns < own.n_unknowns
+        and GATES.min_bic_gain < proof.delta_bic < best.delta_bic
+        and scores.get(proof.candidate.name, 0.0) > scores.get(own.name, 0.0)
+    ]
+    return tuple(
+        Trial(proof.candidate, tuple(factor * size for size in proof.sizes), ())
+        for proof in behind[:MOST_SIMPLER]
+        for factor in OTHER_SIZES
+    )
+
+
+def signal_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
+    """The other laws without states for the signal that `best` bends, and its own law for the other signals,
+    which were not tried. The screen scores them at hardly any size, where a dead zone is a step; one of a
+    third of the range is nearer to a gain that grows with the signal. And what bends the output of a slow
+    machine bends its input as well, unless the data show its transients. Where `best` makes the signal late
+    and leaves a part, those that bend with states at its place: what is late by more after a larger step
+    follows a limit of its rate."""
+    own = best.candidate
+    if not own.is_of_signal or (own.is_dynamic and not _is_partial(best)):
+        return ()
+    known = {(p.candidate.effect.class_name, p.candidate.site.name) for p in tried}
+    found: dict[tuple[str, str], Trial] = {}
+    for entry in screen.entries:
+        one, law = entry.candidate, (entry.candidate.effect.class_name, entry.candidate.site.name)
+        is_mirrored = one.is_of_signal and law[0] == own.effect.class_name
+        if law in known or not (one.site == own.site or is_mirrored):
+            continue
+        if _is_late_and_bends(one) if own.is_dynamic else _is_static(entry):
+            found.setdefault(law, Trial(one, entry.sizes, ()))
+    return tuple(found.values())
+
+
+def _is_static(entry: Screened) -> bool:
+    """Whether a law needs no state and no further signal, and the parameters do not do what it does."""
+    return not (entry.candidate.effect.n_states or entry.candidate.inputs or entry.absorbed)
+
+
+def _is_partial(best: Proof) -> bool:
+    """Whether an accepted law leaves a part of the loads, and the errors of its simulation last."""
+    return not best.adds_up and errors_last(best) and best.explained < GATES.all_explained
+
+
+def _is_late_and_bends(one: Candidate) -> bool:
+    """Whether a law of a signal holds it back by states of its own, in a form that is estimated."""
+    return bool(one.effect.n_states) and _has_shapes(one) and not one.is_dynamic
+
+
+def laws_at_its_place(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
+    """Laws without states at the place of the accepted `best` that show in the screen and were not tried.
+    Those with fewer parameters: an outlet over any pressure bends to what a leak does, and the screen, which
+    has seen it at other pressures, tells the two apart. And those with shapes, where it leaves a part of the
+    loads and the errors of a simulation last: a spring that hardens bends over all of its travel to what a
+    stop does at the ends, which the screen has tried at a few places alone. And those with kinks, where it
+    has none and no fewer parameters: dry friction of a shaft that turns one way is a constant torque once its
+    kink is as sharp as the data have it, and the screen has it rounded. Laws of signals have
+    `signal_laws`."""
+    own = best.candidate
+    if own.is_of_signal:
+        return ()
+    is_partial = _is_partial(best)
+    known = {p.candidate.effect.class_name for p in tried if p.candidate.site == own.site}
+    plainer: dict[str, Trial] = {}
+    shaped: dict[str, Trial] = {}
+    kinked: dict[str, Trial] = {}
+    for entry in screen.entries:
+        one, law = entry.candidate, entry.candidate.effect.class_name
+        is_new = one.site == own.site and law not in known and entry.p_value < GATES.screen_level
+        if not is_new or not _is_static(entry):
+            continue
+        if _has_shapes(own) and one.n_unknowns < own.n_unknowns:
+            plainer.setdefault(law, Trial(one, entry.sizes, ()))
+        elif is_partial and _has_shapes(one):
+            shaped.setdefault(law, Trial(one, entry.sizes, ()))
+        elif _is_kinked(one) and not _is_kinked(own) and _is_alike(one, own, screen):
+            kinked.setdefault(law, Trial(one, entry.sizes, ()))
+    lists = ((plainer, MOST_SIMPLER), (shaped, MOST_SHAPED), (kinked, MOST_SIMPLER))
+    return tuple(trial for found, most in lists for trial in list(found.values())[:most])
+
+
+def _is_kinked(one: Candidate) -> bool:
+    return any(p.role == "sharpness" for p in one.effect.parameters)
+
+
+def _is_alike(one: Candidate, own: Candidate, screen: Screen) -> bool:
+    """Whether a law has no more parameters than `own` and a response like that, rounded as in the screen."""
+    names = [entry.candidate.name for entry in screen.entries]
+    if own.name not in names or one.n_unknowns > own.n_unknowns:
+        return False
+    correlation = screen.correlation[names.index(own.name), names.index(one.name)]
+    return bool(correlation**2 >= GATES.min_rounded_response)
+
+
+def _has_shapes(one: Candidate) -> bool:
+    return any(p.estimate and p.role == "shape" for p in one.effect.parameters)
+
+
+def reduced_laws(null: Null, best: Proof, screen: Screen) -> list[Prepared]:
+    """Laws with fewer parameters at the place of `best`, from its estimates, where the data leave one of its
+    own undetermined: a search of a simpler law from the screen may have ended elsewhere."""
+    rich = best.candidate
+    own = {p.name: p for p in best.fit.parameters if p.name in rich.estimated}
+    known = [p for p in own.values() if p.std_error and abs(p.value) > GATES.min_significance * p.std_error]
+    size = own.get(f"{rich.name}.{rich.effect.sizes[0].name}")
+    if size is None or len(known) == len(own):
+        return []
+    simple = [entry.candidate for entry in _simpler_ones(rich, screen)]
+    found = [_in_place(null, best, candidate, size.value) for candidate in simple]
+    return [prepared for prepared in found if prepared is not None][:MOST_SIMPLER]
+
+
+def _simpler_ones(rich: Candidate, screen: Screen) -> list[Screened]:
+    """Of every related effect with fewer parameters at the place of `rich`, the entry with the best shape."""
+    found: dict[str, Screened] = {}
+    for entry in screen.entries:
+        simple = entry.candidate
+        if (
+            simple.site == rich.site
+            and _is_related(simple.effect, rich.effect)
+            and len(simple.estimated) < len(rich.estimated)
+        ):
+            found.setdefault(simple.effect.class_name, entry)
+    return list(found.values())
+
+
+def _is_related(effect: Effect, other: Effect) -> bool:
+    """Whether two effects are laws for the same: attached alike, with one size of the same unit, and shapes
+    over the same variable."""
+    variables = [{p.scale_of for p in e.parameters if p.scale_of} for e in (effect, other)]
+    return bool(variables[0] & variables[1]) and (
+        effect.class_name != other.class_name
+        and effect.attach == other.attach
+        and effect.domain == other.domain
+        and len(effect.sizes) == len(other.sizes) == 1
+        and effect.sizes[0].unit == other.sizes[0].unit
+    )
+
+
+def _at_other_places(candidate: Candidate, best: Proof) -> tuple[Candidate, ...]:
+    return tuple(replace(candidate, site=replace(candidate.site, name=name)) for name in best.equivalent)
+
+
+def _in_place(null: Null, best: Proof, candidate: Candidate, size: float) -> Prepared | None:
+    effect = candidate.effect
+    sharp = {
+        p.name: SHARPER * candidate.shape[p.name]
+        for p in effect.parameters
+        if p.role == "sharpness" and p.name in candidate.shape
+    }
+    fitted = {p.name: p.value for p in best.fit.parameters}
+    own = {name: f"{best.candidate.name}.{name}" for name in sharp}
+    kept = {name: fitted[full] for name, full in own.items() if full in fitted}
+    values = {**candidate.shape, **sharp, **kept, effect.sizes[0].name: size}
+    try:
+        flat = attach(null.flat, effect, candidate.site, candidate.name, values)
+    except DaestError:
+        return None
+    at_fit = flat.with_theta({name: best.fit.theta[name] for name in null.estimated})
+    trial = Trial(candidate, (size,), _at_other_places(best.candidate, best))
+    is_richer = len(candidate.estimated) > len(best.candidate.estimated) and best.verdict != "rejected"
+    names = (*null.estimated, *candidate.estimated)
+    return Prepared(trial, at_fit, names, similar=best.fit, simpler=best if is_richer else None)
+
+
+def _simulation_value(null: Null, best: Proof, prepared: Prepared) -> float | None:
+    """Negative log-likelihood of the simulation from the simple law's initial states."""
+    try:
+        explicit = prepared.reduced()
+    except DaestError:
+        return None
+    n_w = len(prepared.flat.noises)
+    unknowns = Unknowns((), prepared.flat.theta_values, np.zeros(n_w), np.ones(len(prepared.flat.outputs)))
+    starts = [dict(zip(s.names, s.values, strict=True)) for s in best.fit.initial_states]
+    z = np.concatenate([[float(s.get(name, 0.0)) for name in explicit.state_names] for s in starts])
+    problem = TrajectoryProblem(
+        integrator(explicit),
+        null.experiments,
+        null.hold,
+        unknowns,
+        np.ones(explicit.n_states),
+        np.full(len(prepared.flat.outputs), np.nan),
+        rtol=RTOL,
+    )
+    errors = prediction_errors(problem, z)
+    return None if errors is None else errors.negative_log_likelihood

@@ -1,0 +1,294 @@
+"""Balances among the bare equations of a model: rows such as `m*der(v) = F - d*v`, where an effect can add a
+term."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+from daest.model.effects import Domain
+from daest.model.flat import FlatModel
+from daest.modelica.flat.connectors import LEVEL, connectors_of, outside_of_term
+from daest.numerics.matching import maximum_matching
+from daest.quantities import Conversion, conversion, converts, dimensions, is_of, parse_unit
+
+# Unit of the variable whose rate a balance gives -> domain: momentum, heat, volume and charge. A variable in
+# another unit of the same quantity is of that domain, too (`base_unit`).
+DOMAINS: dict[str, Domain] = {
+    "m/s": "translational",
+    "rad/s": "rotational",
+    "K": "thermal",
+    "degC": "thermal",
+    "Pa": "hydraulic",
+    "V": "electrical",
+}
+_ANGLES = ("rad", "mrad", "deg", "turn", "rpm")  # one of them makes a rate of turning of what is once a time
+_VOLUME_FLOW = {"[length]": 3.0, "[time]": -1.0}
+_AREA = {"[length]": 2.0}
+_MECHANICAL: tuple[Domain, ...] = ("translational", "rotational")
+# What has a place of its own in a domain, or follows from one: positions, rates, flows, and what drives them.
+_NO_AMOUNTS = ("m", "m/s2", "N", "N.m", "W", "m3/s", "kg/s", "A", "Wb", "1/s")
+_SEED = 20040101
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Row `row` balances what drives the rate of unknown `variable`; `sign` is +1 where the rate stands on
+    the left with a positive factor. `position` is the unknown whose derivative the variable is, -1 if there
+    is none; `rate` is where the rate stands among the unknowns and, behind them, their derivatives."""
+
+    row: int
+    variable: int
+    sign: float
+    position: int
+    rate: int
+
+    def name(self, flat: FlatModel) -> str:
+        return f"{self.row}:{flat.unknowns[self.variable].name}"
+
+    def domain(self, flat: FlatModel) -> Domain | None:
+        """The domain by the unit of the variable; None for a unit that does not tell."""
+        if self.is_level(flat):
+            return "hydraulic"
+        return domain_of(flat.unknowns[self.variable].unit)
+
+    def is_amount(self, flat: FlatModel) -> bool:
+        """Whether the variable is an amount or a concentration of something that belongs to no domain, as its
+        unit tells: mg, mol/l, ppm. What has none may be one as well as a position of a valve, which follows
+        what it is told (`_follows`)."""
+        unit = flat.unknowns[self.variable].unit
+        if not unit or self.domain(flat) is not None or any(is_of(unit, one) for one in _NO_AMOUNTS):
+            return False
+        return bool(dimensions(unit) != {}) or (unit not in _ANGLES and not self._follows(flat))
+
+    def _follows(self, flat: FlatModel) -> bool:
+        """Whether the equation is `T*der(x) = u - x`, with a time of its own: nothing is stored there."""
+        row = flat.residual[self.row]
+        others = ca.vertcat(flat.xi, flat.u)
+        own, rate = ca.jacobian(row, flat.xi[self.variable]), ca.vertcat(flat.xi, flat.derivatives)[self.rate]
+        slopes = ca.jacobian(row, others)
+        told = [ca.simplify(slopes[k] + own) for k in range(others.numel()) if k != self.variable]
+        is_timed = any(not ca.symvar(one) for one in (own, ca.jacobian(row, rate)))
+        return is_timed and bool(own.nnz()) and any(one.is_zero() for one in told)
+
+    def is_level(self, flat: FlatModel) -> bool:
+        """Whether the variable is the level of a liquid: a length beside a volume flow or an area."""
+        if not is_length(flat.unknowns[self.variable].unit):
+            return False
+        units = [x.unit for part in (flat.unknowns, flat.inputs, flat.parameters) for x in part]
+        symbols = ca.vertcat(flat.xi, flat.u, flat.theta)
+        used = ca.which_depends(flat.residual[self.row], symbols, 1, False)
+        known = [dimensions(unit) for unit, is_used in zip(units, used, strict=True) if is_used]
+        return _VOLUME_FLOW in known or _AREA in known
+
+
+@cache
+def base_unit(unit: str) -> str:
+    """The unit of DOMAINS that a quantity in `unit` converts to, empty for none: rad/s of rpm, Pa of bar;
+    none of 1/s, which may be anything."""
+    if unit in DOMAINS:
+        return unit
+    known = [base for base in DOMAINS if is_of(unit, base) and converts(unit, base)]
+    turns = bool(known) and any(symbol in _ANGLES for symbol in parse_unit(unit))
+    return next((base for base in known if base != "rad/s" or turns), "")
+
+
+def is_length(unit: str) -> bool:
+    """Whether a quantity in the unit converts to meters.
+
+    >>> is_length("cm"), is_length("1/m")
+    (True, False)
+    """
+    return is_of(unit, LEVEL) and converts(unit, LEVEL)
+
+
+def domain_of(unit: str) -> Domain | None:
+    """The domain of a variable in `unit` whose rate a balance gives; None where the unit does not tell."""
+    return DOMAINS.get(base_unit(unit))
+
+
+def in_connectors(unit: str) -> Conversion:
+    """From a variable of a balance to what the connectors of its domain have: temperatures are absolute
+    there, all else is in the unit of DOMAINS, lengths are in meters. A unit that tells no domain stays."""
+    base = LEVEL if is_length(unit) else base_unit(unit)
+    return conversion(unit, "K" if DOMAINS.get(base) == "thermal" else base) if base else Conversion()
+
+
+def converted_text(name: str, change: Conversion) -> str:
+    """A variable in another unit, as text of an expression.
+
+    >>> converted_text("n", Conversion(scale=0.5)), converted_text("T", Conversion(offset=273.15))
+    ('0.5*n', 'T + 273.15')
+    """
+    scaled = name if change.scale == 1.0 else f"{change.scale!r}*{name}"
+    return scaled if change.offset == 0.0 else f"{scaled} + {change.offset!r}"
+
+
+def needs_position(domain: Domain) -> bool:
+    """Whether the potential of the domain's connectors is the integral of the balanced variable."""
+    return domain in _MECHANICAL
+
+
+def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
+    """Rows of the model itself, of components without a connector of a domain (`_open_components`) and of
+    another domain than the connectors of their component (`_is_within`), and `everywhere` of all components
+    and sums of flows, as beside a store `der(w.S) = w.q` whose flow is the rate itself, that hold the rate of
+    an unknown and more than that. What events assign has no balance: it stands still between them. Nor has a
+    row that gives a reading alone of a rate that another row balances, as `acc = der(v)/9.81` does. Of
+    several rates in one row those are left out that another row needs (`_of_own_rows`)."""
+    kinds = ("component", "flow") if everywhere else ("component",)
+    laws = [i for i, e in enumerate(flat.equations) if e.kind in kinds]
+    is_open, joined = _open_components(flat), _joined_domains(flat)
+    places = is_open | joined.keys()
+    rows = [i for i in laws if everywhere or (flat.equations[i].origin or "") in places]
+    if not rows:
+        return []
+    slopes = slopes_near_start(flat)
+    # `der(e) = v - road` is no position of what moves with v.
+    by_inputs = ca.which_depends(flat.residual, flat.u, 1, True) if flat.u.numel() else []
+    unmoved = [row for row in rows if not (by_inputs and by_inputs[row])]
+    rates, definitions = _rates(slopes, unmoved, _own_unknowns(flat))
+    positions = {rate: variable for variable, rate in rates.items()}
+    assigned = set() if flat.events is None else {one.unknown for one in flat.events.assignments}
+    moving = set(np.flatnonzero(np.any(slopes[:, slopes.shape[1] // 2 :], axis=0)).tolist())
+    found: list[Balance] = []
+    for row in rows:
+        if row in definitions:
+            continue
+        for variable, rate in _balanced(slopes[row], rates, moving):
+            if variable not in assigned:
+                sign = float(np.sign(slopes[row, rate]))
+                found.append(Balance(row, variable, sign, positions.get(variable, -1), rate))
+    if not everywhere:
+        found = [one for one in found if _is_within(flat, one, joined)]
+    readings = _readings(slopes)
+    moved = {one.variable for one in found if one.row not in readings}
+    return _of_own_rows([one for one in found if one.row not in readings or one.variable not in moved])
+
+
+def _open_components(flat: FlatModel) -> set[str]:
+    """The model itself, "", and the components that no connector of a domain stands for, as those with
+    connectors of the user's own whose potential is a speed, or in bar: nothing can be connected to them, and
+    their equations are places as those of the model are. Not what was attached to the model."""
+    return (_own_components(flat) - _joined_domains(flat).keys()) | {""}
+
+
+def _own_components(flat: FlatModel) -> set[str]:
+    """The components that have equations, without what was attached to the model."""
+    origins = {e.origin or "" for e in flat.equations if e.kind == "component"}
+    return {name for name in origins if name.partition(".")[0] not in flat.attached}
+
+
+def _joined_domains(flat: FlatModel) -> dict[str, set[Domain]]:
+    """The components with connectors of a domain, each with the domains of these; those that a class has
+    outside of its terms do not count: its balance is the place that they belong to."""
+    joined: dict[str, set[Domain]] = {}
+    own = _own_components(flat)
+    known = connectors_of(flat.unknowns)
+    of_terms = {outside_of_term(name) for name in known}
+    for name, connector in known.items():
+        if connector.component in own - {""} and name not in of_terms:
+            joined.setdefault(connector.component, set()).add(connector.domain)
+    return joined
+
+
+def _is_within(flat: FlatModel, balance: Balance, joined: Mapping[str, set[Domain]]) -> bool:
+    """Whether nothing reaches the balance but its own equation: that of a component, `joined` by connectors,
+    in a domain that these do not have, as the moving mass of a ram behind its port of oil."""
+    connected = joined.get(flat.equations[balance.row].origin or "")
+    domain = balance.domain(flat)
+    return connected is None or (domain is not None and domain not in connected)
+
+
+def _of_own_rows(found: Sequence[Balance]) -> list[Balance]:
+    """The balances beside which as many rows as can be have a rate of their own: an arm whose own equation
+    gives its acceleration leaves the one of its pendulum, which holds both, to the pendulum."""
+    rows = sorted({one.row for one in found})
+    variables = sorted({one.variable for one in found})
+    if len(rows) == len(found):
+        return list(found)
+    graph = np.zeros((len(rows), len(variables)), dtype=bool)
+    places = [(rows.index(one.row), variables.index(one.variable)) for one in found]
+    for place in places:
+        graph[place] = True
+    most = _matched(graph)
+    return [
+        one
+        for one, (i, j) in zip(found, places, strict=True)
+        if _matched(np.delete(np.delete(graph, i, axis=0), j, axis=1)) == most - 1
+    ]
+
+
+def _matched(graph: np.ndarray) -> int:
+    """How many rows of a graph of rows and columns, (n, m) of bool, can have a column of their own."""
+    return int(np.sum(maximum_matching(sp.csr_array(graph)) >= 0)) if graph.size else 0
+
+
+def _balanced(slopes: np.ndarray, rates: Mapping[int, int], moving: Container[int]) -> list[tuple[int, int]]:
+    """The variables whose rates a row with these `slopes` (2n,) gives, and where each rate stands. `moving`
+    are the unknowns whose derivatives stand in any row.
+
+    `A*v` in `m*der(v) = A*p - d*v` and in `C*der(p) = q - A*v` is no rate of a position, although v is: a
+    derivative goes before the unknowns that equal one, and of these the highest before the lower ones. An
+    acceleration that has a name of its own, and no rate, stands for its derivative: it is as high as one."""
+    n = slopes.size // 2
+    explicit = [(i - n, i) for i in (np.flatnonzero(slopes[n:]) + n).tolist()]
+    named = [(variable, rate) for variable, rate in rates.items() if slopes[rate]]
+    lower = {variable for variable, rate in named if any(higher == rate for higher, _ in named)}
+    if explicit:
+        named = [one for one in named if one[1] not in moving]
+    highest = [one for one in named if one[0] not in lower]
+    return sorted([*explicit, *highest])
+
+
+def _readings(slopes: np.ndarray) -> set[int]:
+    """Rows that give a variable which stands in no other row, and whose rate stands in none: nothing moves by
+    what is added there. `slopes` (n, 2n) are of all equations."""
+    n = slopes.shape[1] // 2
+    uses = np.count_nonzero(slopes, axis=0)
+    read = np.flatnonzero((uses[:n] == 1) & (uses[n:] == 0))
+    return set(np.flatnonzero(np.any(slopes[:, read], axis=1)).tolist())
+
+
+def own_laws(flat: FlatModel) -> list[int]:
+    """Rows of the model itself, not of its components, be they equations or bindings."""
+    return [i for i, e in enumerate(flat.equations) if e.kind in ("component", "binding") and not e.origin]
+
+
+def _own_unknowns(flat: FlatModel) -> np.ndarray:
+    """Which unknowns (n,) stand for nothing that was attached to the model: `der(v) = g*beam + load` balances
+    v, it does not define the load."""
+    attached = {e.origin for e in flat.equations if e.kind == "component"}
+    return np.array([x.name not in attached for x in flat.unknowns])
+
+
+def _rates(slopes: np.ndarray, rows: list[int], is_own: np.ndarray) -> tuple[dict[int, int], set[int]]:
+    """Variable -> the unknown that is its derivative, by rows such as `v = der(s)`; and these rows. `is_own`
+    (n,) says which unknowns may be a derivative."""
+    n = len(is_own)
+    rates: dict[int, int] = {}
+    definitions: set[int] = set()
+    for row in rows:
+        used = np.flatnonzero(slopes[row])
+        if len(used) != 2 or not used[0] < n <= used[1] or used[0] == used[1] - n or not is_own[used[0]]:
+            continue
+        if sorted(slopes[row, used]) == [-1, 1]:
+            rates[int(used[1]) - n] = int(used[0])
+            definitions.add(row)
+    return rates, definitions
+
+
+def slopes_near_start(flat: FlatModel) -> np.ndarray:
+    """[∂F/∂ξ, ∂F/∂ξ'] (n, 2n) at one random point near the start values, zero where it is not finite."""
+    everything = ca.vertcat(flat.xi, flat.derivatives)
+    others = [flat.u, flat.w, flat.theta, flat.time]
+    evaluate = ca.Function("slopes", [everything, *others], [ca.jacobian(flat.residual, everything)])
+    rng = np.random.default_rng(_SEED)
+    point = [rng.uniform(0.5, 1.5, x.numel()) for x in (everything, flat.u, flat.w)]
+    matrix = np.array(evaluate(*point, flat.theta_values, 0.7).full())
+    return np.where(np.isfinite(matrix), matrix, 0.0)
