@@ -43,8 +43,10 @@ from daest.modelica.effects.opened_parameters import (
     aliases,
     is_used_otherwise,
     opened_parameter,
+    owner_of,
     without_subscripts,
 )
+from daest.modelica.effects.own_copies import with_own_class
 from daest.modelica.effects.unrolled import with_connects_written_out
 from daest.modelica.flat.connectors import connectors_of
 from daest.modelica.language.outline import (
@@ -781,7 +783,7 @@ def _behind_signal(draft: _Draft, placement: Placement, original: _Original) -> 
 
 def _instead(draft: _Draft, placement: Placement, original: _Original) -> _Original:
     """The model whose equations take the effect's result for a parameter: one of the model or of a record, or
-    one of a component whose class stands in the same file."""
+    one of a component, whose class is copied into the file where it stands in a library."""
     name, result = placement.site.name, f"{placement.name}.y"
     same = aliases(original.flat, name)
     opened: list[str] = []
@@ -806,14 +808,23 @@ def _instead(draft: _Draft, placement: Placement, original: _Original) -> _Origi
 
 def _parameter_opened(original: _Original, name: str, alias: str) -> tuple[_Original, str] | None:
     """The model whose equations use a parameter, or an alias of it, through a variable, and that; None where
-    no equation of the class uses it. Raises NotOpened."""
-    made = opened_parameter(original.source, original.flat, name, alias)
-    if made is None:
-        return None
+    no equation of the class uses it. A class of a library is copied for that. Raises NotOpened."""
     try:
-        return original.changed(made[0]), made[1]
+        original = _with_own_class(original, name, alias)
+        made = opened_parameter(original.source, original.flat, name, alias)
+        return None if made is None else (original.changed(made[0]), made[1])
     except ModelError:  # of a text that the user has not written
         raise NotOpened("is used where nothing may change with time") from None
+
+
+def _with_own_class(original: _Original, name: str, alias: str) -> _Original:
+    """The model in whose file the class of the component that uses a parameter stands itself."""
+    owner = without_subscripts(owner_of(original.flat, name, alias))
+    if not owner:
+        return original
+    libraries = _roots(original, original.libraries)
+    text = with_own_class(original.source, original.path, original.head.name, owner, libraries)
+    return original if text == original.source else original.changed(text)
 
 
 def _instead_of_elements(original: _Original, same: Collection[str], array: str, result: str) -> str:

@@ -2,8 +2,8 @@
 a variable, whose binding a class that extends it replaces.
 
 The parameter may be one of the model, an element of an array (the whole array gets a variable), a field of a
-record, or one of a component whose class stands in the same file: the class of that component gets the
-variable, `Real k_used = k`.
+record, or one of a component whose class stands in the same file (`own_copies` puts it there): the class of
+that component gets the variable, `Real k_used = k`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def opened_parameter(source: bytes, flat: FlatModel, name: str, alias: str) -> t
     of that without subscripts, `tank.k_used` for `tank[2].k`. A modification `(k = k)` stays where the
     parameter has aliases. None where no equation of its class uses it, or that stands in another file. Raises
     NotOpened."""
-    owner = _owner(flat, name, alias)
+    owner = owner_of(flat, name, alias)
     known = _LOCAL.fullmatch(alias.removeprefix(f"{owner}.") if owner else alias)
     if known is None or ("." in known[1] and known[2]):
         raise NotOpened("is a field of an array of records, or an element of one")
@@ -82,8 +82,8 @@ def _rows(flat: FlatModel, name: str) -> list[int]:
     return sorted(set(ca.jacobian_sparsity(flat.residual, _symbol(flat, name)).row()))
 
 
-def _owner(flat: FlatModel, name: str, alias: str) -> str:
-    """The innermost component around the alias whose equations use the parameter; empty for the model."""
+def owner_of(flat: FlatModel, name: str, alias: str) -> str:
+    """The innermost component around an alias of the parameter whose equations use it; empty for none."""
     found = (_common(flat.equations[row].origin, alias) for row in _rows(flat, name))
     return max(found, key=len, default="")
 
