@@ -127,3 +127,22 @@ def test_samples_that_estimate_and_validate_are_told(folder, daest):
     code, out, _ = daest("check", "--format", "json")
     found = {one["name"]: [f["code"] for f in one["findings"]] for one in json.loads(out)["recordings"]}
     assert code == 1 and found == {"whole": [], "run2": [], "part": ["check-repeated"]}
+
+
+def test_a_model_that_cannot_be_used_is_refused(folder, daest):
+    (folder / "Free.mo").write_text("""model Free
+  input Real u;
+  output Real y = x;
+  Real x(start = 0), z;
+equation
+  der(x) = u - x + z;
+  z = z + 0*x;
+end Free;
+""")
+    code, out, err = daest("check", "run1.csv", "--model", "Free.mo")
+    assert code == 2 and out == "" and "structurally-singular" in err and "Free.mo:7:3" in err
+
+
+def test_a_result_is_no_picture(folder, daest):
+    code, _, err = daest("check", "run1.csv", "-o", "found.png")
+    assert code == 2 and "plot-format" in err and "--plot" in err and not (folder / "found.png").exists()

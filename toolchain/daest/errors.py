@@ -1128,7 +1128,8 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "plot-format": (
         "A picture was asked for in a format that is not written. Give a name that ends in .png, .svg or "
-        ".pdf."
+        ".pdf. Or a result, which is text or JSON, was to go to a file with such a name: -o gives the file "
+        "of the result, --plot that of its picture."
     ),
     "prior-mean": (
         "The mean of a prior lies outside the bounds of its parameter, or is not positive although the "

@@ -61,7 +61,9 @@ def command(
     model = files.model
     is_given = model is not None or project.source is not None
     flat = model_options.load(project, model) if is_given else None
-    if flat is not None and not flat.has_equations:
+    if flat is not None and flat.has_equations:
+        _require_determined(flat)
+    elif flat is not None:
         _tell_walls()
     window = data_options.preparation(project)
     n_seen = len(paths) if files.data else len(project.estimate)
@@ -85,6 +87,15 @@ def _with_repeated(seen: Sequence[Compared], unseen: Sequence[Compared]) -> list
         replace(check, findings=(*check.findings, *(f for name, f in repeated if name == check.name)))
         for check, _ in unseen
     ]
+
+
+def _require_determined(flat: Model) -> None:
+    """Refuse a model with which no recording can be used. Raises ModelError `structurally-singular`."""
+    from daest.model.flat import FlatModel
+    from daest.systems.reduction.expand import expand, find_aliases
+
+    if isinstance(flat, FlatModel):
+        expand(flat, find_aliases(flat))
 
 
 def _tell_walls() -> None:

@@ -46,6 +46,17 @@ def checked(_ctx: click.Context, parameter: click.Parameter, given: Path | None)
     )
 
 
+def no_picture(_ctx: click.Context, parameter: click.Parameter, given: Path | None) -> Path | None:
+    """The file of a result, which is text or JSON. Raises ConfigError `plot-format` for that of a picture."""
+    if given is None or given.suffix.lower() not in FORMATS:
+        return given
+    raise ConfigError(
+        "plot-format",
+        f"{parameter.opts[0]} {given}: the result is written as text or JSON, not as a picture",
+        remedy="where a command draws its result, --plot gives the file of the picture",
+    )
+
+
 def draw(plot: Path | None, make: Callable[[], Figure]) -> None:
     """Write the figure that `make` returns, in the format of the suffix, where a picture was asked for."""
     if plot is None:
@@ -227,6 +238,7 @@ output_option = click.option(
     "--output",
     metavar="FILE",
     type=click.Path(path_type=Path, allow_dash=True),
+    callback=no_picture,
     help="Write the result there; - is stdout.",
 )
 seed_option = click.option(
