@@ -450,7 +450,7 @@ class _Judge:
         """Why the law is not the right one by what it leaves."""
         gain, reason, near, too_short, other = self.found.gain, "", "", "", ""
         if self.candidate.is_dynamic:
-            reason = near = other_dynamics(left, gain)
+            reason = near = other_dynamics(left, gain, told.ratios)
             too_short = "" if reason else lag_too_short(self.null, self.candidate, told.fit)
             reason = reason or too_short
         if told.is_curve and not told.is_told and not told.is_shown and _is_much_left(left, gain):

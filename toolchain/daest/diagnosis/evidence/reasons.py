@@ -726,11 +726,14 @@ def wrong_law(
     return f"another law acts there: what it leaves still follows {left.label} (p = {left.p_value:.1g})"
 
 
-def other_dynamics(left: FreeForm, gain: float) -> str:
+def other_dynamics(left: FreeForm, gain: float, ratios: Sequence[float]) -> str:
     """Why a law that changes the order of the model only stands for another one; empty where it is right. A
     slow motion takes a lag, a delay or a flexible part for each other, and only the right one leaves
-    nothing."""
-    if left.p_value >= GATES.dynamics_level or left.log_likelihood_gain <= GATES.max_rest_of_dynamics * gain:
+    nothing; or little, where unseen data are simulated much better with it (`ratios` of the errors, with to
+    without it), beside what else a machine does."""
+    is_confirmed = bool(ratios) and max(ratios) <= GATES.max_simulated_ratio
+    share = GATES.max_rounding_rest if is_confirmed else GATES.max_rest_of_dynamics
+    if left.p_value >= GATES.dynamics_level or left.log_likelihood_gain <= share * gain:
         return ""
     return (
         "something dynamic is missing that it only comes near to: what it leaves still follows "
