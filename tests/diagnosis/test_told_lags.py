@@ -9,8 +9,8 @@ from test_load_starts import _diagnosed, _warmed
 
 from daest.diagnosis.built_in.dead_times import DELAY
 from daest.diagnosis.built_in.late_signals import LAG
-from daest.diagnosis.evidence.reasons import in_place_of_a_parameter
-from daest.diagnosis.refits.rivals import shortest_lag, told_apart
+from daest.diagnosis.evidence.reasons import in_place_of_a_parameter, other_dynamics
+from daest.diagnosis.refits.rivals import shortest_lag, told_apart, with_likelier_lags
 
 
 def test_short_lag_is_named_where_no_dead_time_comes_near(tmp_path: Path) -> None:
@@ -35,7 +35,8 @@ class Refused:
 
     @property
     def candidate(self) -> SimpleNamespace:
-        return SimpleNamespace(effect=SimpleNamespace(class_name=self.law), site=self.place)
+        effect = SimpleNamespace(class_name=self.law)
+        return SimpleNamespace(effect=effect, site=self.place, is_of_signal=True, is_dynamic=True)
 
     @property
     def fit(self) -> SimpleNamespace:
@@ -97,3 +98,31 @@ def test_a_lag_that_does_what_a_parameter_did_is_none(beside, ratio, is_dynamic,
     reason = in_place_of_a_parameter(lag, told, before, (ratio,))
     assert ("it does what K did, which is 0.4 ± 1.3 h beside it and 16.9 ± 1.8 h" in reason) == is_refused
     assert bool(reason) == is_refused and in_place_of_a_parameter(lag, told, before, ()) == ""
+
+
+@pytest.mark.parametrize(
+    ("accepted", "is_told"),
+    [(("y", 97.0), True), (("y", 103.0), False), (("u", 97.0), False)],
+)
+def test_a_short_lag_is_told_beside_a_less_likely_dead_time_of_its_signal(accepted, is_told):
+    """A heater 20 s late beside a time constant of 170 s: the dead time was named, and the lag refused, since
+    a dead time would do as well."""
+    lag = Refused(LAG, "y", 100.0)
+    late = Refused(DELAY, *accepted, is_any_dynamics=False, verdict="supported", reason="")
+    found = with_likelier_lags([late, lag])
+    assert found[0] is late and (found[1].verdict == "supported") == is_told
+
+
+@pytest.mark.parametrize(
+    ("rest", "ratios", "is_right"),
+    [
+        (4.0, (), True),
+        (8.0, (), False),
+        (8.0, (0.5, 0.9), False),
+        (8.0, (0.5, 0.2), True),
+        (12.0, (0.2,), False),
+    ],
+)
+def test_a_lag_leaves_little_where_unseen_data_confirm_it(rest, ratios, is_right):
+    left = SimpleNamespace(p_value=4e-3, log_likelihood_gain=rest, label="T")
+    assert (other_dynamics(left, 100.0, ratios) == "") == is_right

@@ -56,7 +56,7 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     them, those come first that foresee unseen data clearly better, then the likeliest. A law that the best
     one only rounds otherwise (`_is_rounded_otherwise`) is not separable from it, either. Where a refused one
     is far more likely, none is the explanation."""
-    compared = _on_one_basis(_without_hopeless(_without_imitations(_with_likelier_lags(proofs))))
+    compared = _on_one_basis(_without_hopeless(_without_imitations(proofs)))
     order = sorted(compared, key=lambda p: (p.verdict == "rejected", -_bic(p)))
     accepted = [p for p in order if p.verdict == "supported"]
     if not accepted:
@@ -126,28 +126,6 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
 
 def _refused(proof: Proof, reason: str) -> Proof:
     return replace(proof, verdict="rejected", reason=reason)
-
-
-def _with_likelier_lags(proofs: Sequence[Proof]) -> list[Proof]:
-    """Lags and delays that are refused since any other as short would do are accepted beside a less likely
-    one that is accepted at the same signal: there it would not do as well."""
-    lags = [p for p in proofs if p.candidate.is_of_signal and p.candidate.is_dynamic]
-    accepted = [p for p in lags if p.verdict != "rejected"]
-    likelier = [
-        p
-        for p in lags
-        if p.is_any_dynamics
-        and any(
-            p.candidate.site == other.candidate.site and p.fit.log_likelihood > other.fit.log_likelihood
-            for other in accepted
-        )
-    ]
-    return [
-        replace(p, verdict="supported", reason="", is_any_dynamics=False)
-        if any(p is one for one in likelier)
-        else p
-        for p in proofs
-    ]
 
 
 def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:

@@ -59,6 +59,7 @@ from daest.diagnosis.refits.rivals import (
     straight_laws,
     told_apart,
     with_held_shapes,
+    with_likelier_lags,
 )
 from daest.diagnosis.refits.search import Search
 from daest.diagnosis.refits.stages import (
@@ -126,7 +127,7 @@ class Course:
         proofs = self._with_leaders_in_use(stages, proofs)
         proofs = self._with_dependences_in_use(stages, proofs)
         proofs = self._with_leaders_near_given(proofs)
-        proofs = stages.with_simulations(proofs)
+        proofs = stages.with_simulations(with_likelier_lags(proofs))
         proofs = stages.steadied(proofs)
         order = ranked(proofs)
         is_whole = not stages.late and None not in fits

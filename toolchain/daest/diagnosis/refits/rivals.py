@@ -532,6 +532,24 @@ def told_apart(lag: Proof, dead_times: Sequence[Proof]) -> Proof:
     return replace(lag, verdict="supported", reason="", is_any_dynamics=False)
 
 
+def with_likelier_lags(proofs: Sequence[Proof]) -> list[Proof]:
+    """All laws; lags and dead times that are refused since any other as short would do are accepted where
+    another of these, less likely, is accepted at their signal."""
+    lags = [p for p in proofs if p.candidate.is_of_signal and p.candidate.is_dynamic]
+    accepted = [p for p in lags if p.verdict != "rejected"]
+
+    def is_likelier(one: Proof) -> bool:
+        there = [p for p in accepted if p.candidate.site == one.candidate.site]
+        return any(one.fit.log_likelihood > p.fit.log_likelihood for p in there)
+
+    return [
+        replace(p, verdict="supported", reason="", is_any_dynamics=False)
+        if p.is_any_dynamics and any(p is lag for lag in lags) and is_likelier(p)
+        else p
+        for p in proofs
+    ]
+
+
 def simplest_first(chosen: Sequence[Prepared]) -> tuple[list[Prepared], list[Prepared]]:
     """The chosen candidates without those that say more of what a simpler one of them says, and these: at one
     place, of laws for the same, the one with the fewest parameters goes first. From its fit a richer one ends
