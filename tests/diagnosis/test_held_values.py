@@ -10,6 +10,7 @@ from hidden_plants import INERTIA, NOISE, model, rotor_record
 
 from daest.diagnosis import examine as examine_module
 from daest.diagnosis.answers import held_values as held_values_module
+from daest.diagnosis.answers.decided import Decided
 from daest.diagnosis.answers.held_values import OtherValue, other_value
 from daest.diagnosis.evidence.stand import begin, halved
 from daest.diagnosis.examine import _with_values
@@ -168,7 +169,7 @@ def test_the_verdict_is_then_that_parameters_are_off():
     parameter = FittedParameter("m1", 721.0, 1.0, 600.0, "kg", 0.0, None, False)
     other = OtherValue(parameter, 600.0, 200.0, (0.2,))
     law, refused = Law(100.0), Law(50.0, "rejected", "it says little")
-    decided = examine_module.verdicts.Decided("supported", "A law.", "", (law, refused))
+    decided = Decided("supported", "A law.", "", (law, refused))
     found = examine_module._by_value(decided, law, other)
     assert found.name == "parameters off"
     assert "Another one of `m1`, 721 ± 1 kg instead of the 600 kg that is given, explains" in found.message
@@ -180,7 +181,7 @@ def test_the_verdict_is_then_that_parameters_are_off():
 def test_the_sentence_names_both_values():
     parameter = FittedParameter("R", 84.0, 0.2, 35.0, "Ohm", 0.0, None, False)
     other = OtherValue(parameter, 35.0, 100.0, (0.2,))
-    decided = examine_module.verdicts.Decided("external disturbance", "A load.", "", ())
+    decided = Decided("external disturbance", "A load.", "", ())
     stand = stand_with(INERTIA)
     same, said = _with_values(stand, lambda: other, None, decided, DiagnoseOptions(), lambda _: None)
     assert same is decided

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from daest.diagnosis.answers import verdict
+from daest.diagnosis.answers import unexplained
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.evidence import load_starts, noise_level
 from daest.diagnosis.evidence.stand import without_noises
@@ -179,7 +179,7 @@ def test_law_takes_the_place_of_loads_that_begin_with_the_recordings(tmp_path: P
 
 def test_load_that_no_law_takes_over_is_told() -> None:
     load = SimpleNamespace(place="body", unit="W", time_constant=17.0)
-    decided = verdict._of_starts(
+    decided = unexplained._of_starts(
         SimpleNamespace(proofs=(), clock="s"), [SimpleNamespace(load=load, value=2.0)]
     )
     assert decided.name == "external disturbance"

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from daest.diagnosis.answers.verdict import nearest_in_pieces
+from daest.diagnosis.answers.told_laws import nearest_in_pieces
 from daest.diagnosis.built_in.trials import prepare, trials
 from daest.diagnosis.evidence import free_starts
 from daest.diagnosis.evidence.beside_starts import Started

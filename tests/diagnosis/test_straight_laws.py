@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from daest.diagnosis.answers.verdict import _of_both
+from daest.diagnosis.answers.told_laws import _of_both
 from daest.diagnosis.evidence.reasons import NO_BEND, STRAIGHT
 from daest.diagnosis.refits.rivals import straight_laws
 

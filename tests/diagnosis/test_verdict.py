@@ -9,19 +9,13 @@ import pytest
 from hidden_plants import model, rubbing, some_effects
 
 from daest.diagnosis import examine
-from daest.diagnosis.answers import verdict as verdict_module
+from daest.diagnosis.answers import nothing, told_laws
 from daest.diagnosis.answers.changing_values import ChangingValue
+from daest.diagnosis.answers.decided import OTHER_AMPLITUDES, WIDER_BAND, Decided, Evidence
 from daest.diagnosis.answers.held_values import OtherValue
 from daest.diagnosis.answers.parts import Parts
-from daest.diagnosis.answers.verdict import (
-    AT_ONCE,
-    MOVING,
-    Evidence,
-    Loads,
-    beside_parts,
-    beside_value,
-    decide,
-)
+from daest.diagnosis.answers.unexplained import Loads
+from daest.diagnosis.answers.verdict import AT_ONCE, MOVING, beside_parts, beside_value, decide
 from daest.diagnosis.evidence.noise_level import RECORDED
 from daest.diagnosis.evidence.reasons import unmoved
 from daest.diagnosis.gates import GATES
@@ -381,10 +375,10 @@ def test_shares_of_more_than_all_are_not_told_as_what_would_have_shown():
     share = next(c for c in pairs(some_effects("Saturation"), sites(model())))
     other = Screened(candidate("CoulombFriction"), 1.0, (0.1,), 0.5, False, 0.02)
     entries = (Screened(share, 2.0, (0.1,), 0.5, False, 100.0), other)
-    shown = verdict_module._smallest([e for e in entries if not verdict_module._is_beyond(e)])
+    shown = nothing._smallest([e for e in entries if not nothing._is_beyond(e)])
     assert shown == "CoulombFriction at rotor.flange_a from tau_c = 0.02 N.m"
     of_number = replace(share, shape={"limit": 7.76}, units={"limit": "1"})
-    assert verdict_module._of_form(of_number) == " (limit = 7.76)"
+    assert nothing._of_form(of_number) == " (limit = 7.76)"
 
 
 @pytest.mark.parametrize(("detectable", "name"), [(500.0, "cannot tell"), (0.3, "nothing missing")])
@@ -725,23 +719,23 @@ def test_fmu_is_judged_by_the_rules_of_equations():
 @pytest.mark.parametrize(("adds_up", "holding"), [(False, ()), (True, ()), (True, ("v",))])
 def test_a_simulation_that_gets_worse_is_told_as_worse(monkeypatch, adds_up, holding):
     errors = [Agreement({}, {"phi": 1.0, "v": 0.4}), Agreement({}, {"phi": 1.57, "v": 0.1})]
-    monkeypatch.setattr(verdict_module, "_error_ratio", lambda evidence, proof: 1.57)
+    monkeypatch.setattr(told_laws, "error_ratio", lambda evidence, proof: 1.57)
     fits = [SimpleNamespace(simulated={"validation": agreement}) for agreement in errors]
-    monkeypatch.setattr(verdict_module, "_told", lambda evidence, proof: fits)
+    monkeypatch.setattr(told_laws, "told_fits", lambda evidence, proof: fits)
     ahead = (Ahead(50, 0.2, 0.28, 9.0),)
     proof = SimpleNamespace(ahead=ahead, adds_up=adds_up, is_by_use=False, holding=holding)
-    text = verdict_module._importance(SimpleNamespace(clock="s"), proof)
+    text = told_laws.importance_told(SimpleNamespace(clock="s"), proof)
     assert "removes 72 % of the error of predictions 0.2 s ahead." in text
     assert "whole simulation gets 1.57 times larger" in text and ("it adds up" in text) == adds_up
     assert ("; that of v, which does not, gets 75 % smaller." in text) == bool(holding)
 
 
-@pytest.mark.parametrize("asked", [verdict_module.WIDER_BAND, verdict_module.OTHER_AMPLITUDES, "Wait."])
+@pytest.mark.parametrize("asked", [WIDER_BAND, OTHER_AMPLITUDES, "Wait."])
 @pytest.mark.parametrize("inputs", [(), ("u",)])
 def test_a_model_without_inputs_is_not_to_be_driven(asked, inputs):
     """What cools down in a mug has no input to excite; where it begins can be chosen."""
     null = SimpleNamespace(flat=SimpleNamespace(inputs=inputs))
-    decided = verdict_module.Decided("unknown effect", "Something dynamic is missing.", asked)
+    decided = Decided("unknown effect", "Something dynamic is missing.", asked)
     told = examine._next_experiment(SimpleNamespace(null=null), decided, SimpleNamespace(seed=0))
     is_other = not inputs and asked != "Wait."
     assert (told != asked) == is_other and told.startswith("Begin from other states") == is_other

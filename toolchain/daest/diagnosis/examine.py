@@ -10,12 +10,15 @@ from functools import partial
 
 import numpy as np
 
-from daest.diagnosis.answers import verdict as verdicts
 from daest.diagnosis.answers.changing_values import changing_value
+from daest.diagnosis.answers.decided import FROM_ELSEWHERE, Decided, Evidence
 from daest.diagnosis.answers.held_values import OtherValue, other_value
 from daest.diagnosis.answers.learned import learned_load, said, with_formula
 from daest.diagnosis.answers.next_experiment import Asked, computed
 from daest.diagnosis.answers.parts import parts_of
+from daest.diagnosis.answers.told_laws import nearest_in_pieces
+from daest.diagnosis.answers.unexplained import Loads
+from daest.diagnosis.answers.verdict import beside_parts, beside_value, decide, two_alike
 from daest.diagnosis.built_in.chosen import chosen_candidates
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.evidence.load_starts import starts_from_nowhere
@@ -127,7 +130,7 @@ def _examined(
     form = next(iter(forms), None)
     bought = null.fit.log_likelihood - stand.told.log_likelihood
     starts = starts_from_nowhere(null, bought, sum(one.log_likelihood_gain for one in gains))
-    loads = verdicts.Loads(stand.declared, null, run, gains, form, starts=starts)
+    loads = Loads(stand.declared, null, run, gains, form, starts=starts)
     course = Course(
         stand, loads, load, (found, used), candidates, chosen_library, options, progress, watched, pool,
         beside[0].simulated if beside else None,
@@ -135,7 +138,7 @@ def _examined(
     proofs, unproved, is_whole = course.proofs()
     form = _told_by_rest(forms, proofs)
     loads = replace(loads, form=form)
-    evidence = verdicts.Evidence(
+    evidence = Evidence(
         stand.baseline,
         found,
         proofs,
@@ -153,7 +156,7 @@ def _examined(
         proofs, is_in_time = course.in_pieces(proofs)
         is_whole = is_whole and is_in_time
         evidence = replace(evidence, proofs=proofs)
-        decided = verdicts.decide(evidence)
+        decided = decide(evidence)
     decided = _with_changes(stand, run, evidence, decided, library, options)
     decided = _with_parts(stand, evidence, decided, library, options)
     decided, beside_values = _with_values(stand, values.get, evidence, decided, options, progress)
@@ -165,8 +168,8 @@ def _examined(
     if off is not None:
         message += off.told(evidence.clock)
     if decided.name not in EXPLAINED:
-        message += verdicts.nearest_in_pieces(decided.proofs, evidence.clock)
-        message += verdicts.two_alike(found) if decided.name == "external disturbance" else ""
+        message += nearest_in_pieces(decided.proofs, evidence.clock)
+        message += two_alike(found) if decided.name == "external disturbance" else ""
     faults = "" if decided.name in EXPLAINED else faults_told(null.experiments)
     counted = "" if faults else faults_counted(decided.name, null.experiments, stand.validation)
     return Diagnosis(
@@ -223,14 +226,14 @@ def _earlier(stand: Stand, proofs: Sequence[Proof]) -> EarlierInputs:
 def _decided(
     stand: Stand,
     run: NullObserver,
-    evidence: verdicts.Evidence,
-    loads: verdicts.Loads,
+    evidence: Evidence,
+    loads: Loads,
     options: DiagnoseOptions,
     progress: Progress,
-) -> tuple[verdicts.Evidence, verdicts.Decided, LearnedLoad | None]:
+) -> tuple[Evidence, Decided, LearnedLoad | None]:
     """The evidence, what it says, and the load as a curve where that is an effect of no known law; the curve
     may speak against that, and the evidence then tells it."""
-    decided, form = verdicts.decide(evidence), loads.form
+    decided, form = decide(evidence), loads.form
     is_curve = decided.name == "unknown effect" and not decided.is_dynamic
     if not is_curve or form is None or form.p_value >= GATES.missing_level or options.is_over:
         return evidence, decided, None
@@ -240,7 +243,7 @@ def _decided(
         learned = _learned(stand, run, form)
     if learned is not None and learned.against:
         evidence = replace(evidence, rest=replace(loads, against_form=learned.against))
-        return evidence, verdicts.decide(evidence), learned
+        return evidence, decide(evidence), learned
     return evidence, decided, None if learned is None else with_formula(learned)
 
 
@@ -292,11 +295,11 @@ def _quiet_values(stand: Stand, run: NullObserver) -> OtherValue | None:
 def _with_values(
     stand: Stand,
     values: Callable[[], OtherValue | None],
-    evidence: verdicts.Evidence,
-    decided: verdicts.Decided,
+    evidence: Evidence,
+    decided: Decided,
     options: DiagnoseOptions,
     progress: Progress,
-) -> tuple[verdicts.Decided, str]:
+) -> tuple[Decided, str]:
     """What is decided beside the value that the model holds of which another one says most, and a sentence on
     one that comes near where no law was found; empty where none does."""
     if decided.name in ("nothing missing", "parameters off") or options.is_over:
@@ -320,17 +323,17 @@ def _with_values(
         return _by_value(decided, law, other), ""
     if not other.says_as_much_as(*terms):
         return decided, ""
-    return verdicts.beside_value(evidence, decided, law, other), ""
+    return beside_value(evidence, decided, law, other), ""
 
 
 def _with_changes(
     stand: Stand,
     run: NullObserver,
-    evidence: verdicts.Evidence,
-    decided: verdicts.Decided,
+    evidence: Evidence,
+    decided: Decided,
     library: Sequence[Effect],
     options: DiagnoseOptions,
-) -> verdicts.Decided:
+) -> Decided:
     """What is decided beside the parameter that may change with time, where a law of the time is accepted."""
     law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
     if law is None or options.is_over:
@@ -339,17 +342,17 @@ def _with_changes(
         changing = changing_value(stand, run, law, library)
         ratios = error_ratios(stand.told.simulated, law.told.simulated)
         if changing is not None and changing.says_as_much_as(law, stand.baseline, stand.null, ratios):
-            return verdicts.beside_value(evidence, decided, law, changing)
+            return beside_value(evidence, decided, law, changing)
     return decided
 
 
 def _with_parts(
     stand: Stand,
-    evidence: verdicts.Evidence,
-    decided: verdicts.Decided,
+    evidence: Evidence,
+    decided: Decided,
     library: Sequence[Effect],
     options: DiagnoseOptions,
-) -> verdicts.Decided:
+) -> Decided:
     """What is decided beside the parts, with sizes of their own, of an accepted law that is their sum."""
     law = next((p for p in decided.proofs if p.verdict != "rejected" and p.candidate.effect.sum_of), None)
     if law is None or options.is_over:
@@ -357,11 +360,11 @@ def _with_parts(
     with suppress(OutOfTimeError), until(options.until):
         parts = parts_of(stand.null, law, library)
         if parts is not None and (parts.puts_aside or parts.says_as_much):
-            return verdicts.beside_parts(evidence, decided, law, parts)
+            return beside_parts(evidence, decided, law, parts)
     return decided
 
 
-def _by_value(decided: verdicts.Decided, law: Proof, other: OtherValue) -> verdicts.Decided:
+def _by_value(decided: Decided, law: Proof, other: OtherValue) -> Decided:
     """The verdict where another value of what the model holds says more than the accepted `law`."""
     reason = f"another value of {other.text}, explains the data better"
     proofs = tuple(
@@ -372,16 +375,16 @@ def _by_value(decided: verdicts.Decided, law: Proof, other: OtherValue) -> verdi
         f"The data contradict a given value. Another one of {other.text}, explains them better than "
         f"{law.candidate.label}: {other.remedy}."
     )
-    return verdicts.Decided("parameters off", message, proofs=proofs)
+    return Decided("parameters off", message, proofs=proofs)
 
 
-def _by_value_alone(decided: verdicts.Decided, other: OtherValue) -> verdicts.Decided:
+def _by_value_alone(decided: Decided, other: OtherValue) -> Decided:
     """The verdict where no law is accepted, and none is missing with another given value."""
     message = (
         f"The data contradict a given value. With another one of {other.text}, the model simulates all "
         f"recordings to their noise, and no effect is missing: {other.remedy}."
     )
-    return verdicts.Decided("parameters off", message, proofs=decided.proofs)
+    return Decided("parameters off", message, proofs=decided.proofs)
 
 
 def _said_of_inputs(null: Null, told: FitResult) -> str:
@@ -405,12 +408,12 @@ def _are_steady(experiments: Sequence[Experiment]) -> bool:
     return bool(np.all(np.std(u, axis=0) < GATES.min_driven * np.abs(np.mean(u, axis=0))))
 
 
-def _next_experiment(stand: Stand, decided: verdicts.Decided, options: DiagnoseOptions) -> str:
+def _next_experiment(stand: Stand, decided: Decided, options: DiagnoseOptions) -> str:
     """The experiment of the verdict; computed, where candidates are left that could not be told apart. Where
     the model has no input, none is asked for."""
     null = stand.null
     if not null.flat.inputs:
-        return verdicts.FROM_ELSEWHERE.get(decided.next_experiment, decided.next_experiment)
+        return FROM_ELSEWHERE.get(decided.next_experiment, decided.next_experiment)
     if decided.name != "cannot tell":
         return decided.next_experiment
     asked = Asked(decided.proofs, null.experiments, null.hold, options.seed)

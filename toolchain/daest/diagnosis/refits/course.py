@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
 
-from daest.diagnosis.answers import verdict as verdicts
+from daest.diagnosis.answers.decided import Evidence
+from daest.diagnosis.answers.unexplained import Loads
 from daest.diagnosis.built_in.dead_times import DELAY
 from daest.diagnosis.built_in.late_signals import LAG, late_signals
 from daest.diagnosis.built_in.slow_loads import said_by_loads
@@ -92,7 +93,7 @@ class Course:
     may have begun."""
 
     stand: Stand
-    loads: verdicts.Loads
+    loads: Loads
     load: SmoothedLoad | None
     screens: tuple[Screen, Screen | None]
     candidates: Sequence[Candidate]
@@ -422,7 +423,7 @@ class Course:
     def _is_open(self, proofs: Sequence[Proof]) -> bool:
         """Whether no law is accepted, something is left to explain, and there is time for it."""
         stand = self.stand
-        evidence = verdicts.Evidence(
+        evidence = Evidence(
             stand.baseline, self.screens[0], tuple(proofs), self.options.fitted, self.loads, stand.told
         )
         is_explained = self.loads.is_explained(evidence)

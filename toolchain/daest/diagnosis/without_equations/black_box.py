@@ -21,7 +21,7 @@ from typing import cast
 
 import numpy as np
 
-from daest.diagnosis.answers.verdict import Evidence
+from daest.diagnosis.answers.decided import Evidence
 from daest.diagnosis.comparison.compare import compare_models
 from daest.diagnosis.comparison.trial import fitted_candidate
 from daest.diagnosis.evidence.reasons import unmoved

@@ -12,7 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from daest.diagnosis.answers.verdict import Decided, Evidence, decide, foreseen_by
+from daest.diagnosis.answers.decided import Decided, Evidence, foreseen_by
+from daest.diagnosis.answers.verdict import decide
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.screening.screen import projected, scored

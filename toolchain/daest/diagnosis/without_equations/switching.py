@@ -16,7 +16,7 @@ from functools import partial
 
 import numpy as np
 
-from daest.diagnosis.answers.verdict import Evidence
+from daest.diagnosis.answers.decided import Evidence
 from daest.diagnosis.evidence.reasons import unmoved
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.screening.candidates import attached, fed, placement, with_shapes
