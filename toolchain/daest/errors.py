@@ -176,7 +176,7 @@ EXPLANATIONS: dict[str, str] = {
         "may be off."
     ),
     "check-dropouts": (
-        "A signal jumps to one and the same value for a few samples and comes back: a loose contact, or a "
+        "A signal jumps to one and the same value for a few samples and comes back: a loose contact, or an "
         "value that the recorder writes where it has none. Leave those cells empty, which means that the "
         "sample is missing."
     ),
@@ -199,8 +199,8 @@ EXPLANATIONS: dict[str, str] = {
         "--resample. One without a unit counts hours as it stands."
     ),
     "check-outliers": (
-        "Single samples, or bursts of a few, lie far from their neighbours, farther than noise does. Least "
-        "squares follow them. "
+        "Single samples, or bursts of a few, lie far from their neighbours, farther than noise does, or an "
+        "output runs off and comes back while nothing else moves. Least squares follow them. "
         "Leave those cells empty if the machine cannot have moved so."
     ),
     "check-polarity": (
@@ -1005,7 +1005,7 @@ EXPLANATIONS: dict[str, str] = {
     ),
     "model-unsupported": (
         "The model uses clocks, a delay, or an algorithm that cannot be written as equations. The message "
-        "names it and its line. A first-order lag may stand for a delay, sample(start, interval) for a "
+        "names it and its line. A first-order lag may stand for a delay, sample(start, interval) for an "
         "clock; or export the model by your own tool as an FMU, which all commands take."
     ),
     "mqtt-address": (
