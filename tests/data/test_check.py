@@ -250,7 +250,10 @@ def test_an_output_that_runs_off_and_back_is_told_with_its_times():
     for seed in range(10):
         _, speed = counted_twice(seed)
         (finding,) = warnings_of({"speed": speed})
-        assert finding.code == "check-outliers" and "runs off and back by up to" in finding.text, (seed, finding)
+        assert finding.code == "check-outliers" and "runs off and back by up to" in finding.text, (
+            seed,
+            finding,
+        )
         assert finding.at == pytest.approx(5.0, abs=0.1) and finding.count <= 3 * 60
         for at in (5.0, 15.0, 26.0):
             starts = [float(x) for x in re.findall(r"([0-9.]+) to [0-9.]+ s", finding.text)]
@@ -259,7 +262,7 @@ def test_an_output_that_runs_off_and_back_is_told_with_its_times():
 
 def test_an_output_that_moves_with_an_input_or_stays_where_it_was_pushed_is_none():
     for seed in range(5):
-        rng, speed = counted_twice(seed, (0.0, 0.0, 0.0))
+        _, speed = counted_twice(seed, (0.0, 0.0, 0.0))
         pushed = speed + 60.0 * lfilter([0.15], [1, -0.85], np.arange(N) > 1500)
         assert not warnings_of({"speed": pushed}), seed
         pulse = np.zeros(N)

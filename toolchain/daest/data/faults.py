@@ -383,7 +383,8 @@ def excursions(samples: Samples, others: Sequence[np.ndarray]) -> list[Finding]:
         for part, (first, last) in zip(parts, ends, strict=True)
         if part.size >= 2 * SPAN
         and sizes[part].max() > DATA.spike_beyond * usual
-        and abs(values[last] - values[first]) < DATA.neighbours_agree * float(np.ptp(values[first : last + 1]))
+        and abs(values[last] - values[first])
+        < DATA.neighbours_agree * float(np.ptp(values[first : last + 1]))
         and not any(_moves_in(other, first, last) for other in others)
     ]
     count = sum(last - first + 1 for first, last in found)
@@ -393,8 +394,8 @@ def excursions(samples: Samples, others: Sequence[np.ndarray]) -> list[Finding]:
     times = samples.time
     told = [f"{times[a]:.6g} to {times[b]:.6g} {samples.clock}" for a, b in found[:MOST_STRETCHES]]
     more = f" and {len(found) - len(told)} more" if len(found) > len(told) else ""
-    text = f"runs off and back by up to {worst:.4g} in {count} samples ({', '.join(told)}{more}), where it moves "
-    text += f"by no more than {usual:.3g} from sample to sample elsewhere"
+    text = f"runs off and back by up to {worst:.4g} in {count} samples ({', '.join(told)}{more}), "
+    text += f"where it moves by no more than {usual:.3g} from sample to sample elsewhere"
     return [Finding("check-outliers", "warning", samples.name, text, float(samples.time[found[0][0]]), count)]
 
 
