@@ -1,6 +1,8 @@
 """The data check: faults that are put into simulated recordings are seen, and healthy recordings give no
 warning."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.signal import chirp, lfilter, lsim
@@ -232,6 +234,42 @@ def test_bursts_are_found_where_and_as_many_as_they_are():
         (finding,) = warnings_of({"u": u, "position": y})
         assert finding.code == "check-outliers" and finding.at == pytest.approx(6.0, abs=0.05)
         assert 24 <= finding.count <= 40 and "jumps to and fro" in finding.text, (seed, finding)
+
+
+def counted_twice(seed, sizes=(0.4, 0.3, 0.2)):
+    """A wheel that runs down, whose pulses are counted twice in three stretches; its speed is smoothed."""
+    rng = np.random.default_rng(seed)
+    speed = 300.0 * np.exp(-np.arange(N) / rng.uniform(1500, 3000))
+    raw = speed + rng.normal(size=N)
+    for at, size in zip((500, 1500, 2600), sizes, strict=True):
+        raw[at : at + 24] += 300.0 * size * np.repeat(rng.permutation([0.0, 0.0, 1.0, 1.0, 2.0, 2.0]), 4)
+    return rng, lfilter([0.15], [1, -0.85], raw - raw[0]) + raw[0]
+
+
+def test_an_output_that_runs_off_and_back_is_told_with_its_times():
+    for seed in range(10):
+        _, speed = counted_twice(seed)
+        (finding,) = warnings_of({"speed": speed})
+        assert finding.code == "check-outliers" and "runs off and back by up to" in finding.text, (
+            seed,
+            finding,
+        )
+        assert finding.at == pytest.approx(5.0, abs=0.1) and finding.count <= 3 * 60
+        for at in (5.0, 15.0, 26.0):
+            starts = [float(x) for x in re.findall(r"([0-9.]+) to [0-9.]+ s", finding.text)]
+            assert min(abs(start - at) for start in starts) < 0.2, (seed, finding.text)
+
+
+def test_an_output_that_moves_with_an_input_or_stays_where_it_was_pushed_is_none():
+    for seed in range(5):
+        _, speed = counted_twice(seed, (0.0, 0.0, 0.0))
+        pushed = speed + 60.0 * lfilter([0.15], [1, -0.85], np.arange(N) > 1500)
+        assert not warnings_of({"speed": pushed}), seed
+        pulse = np.zeros(N)
+        pulse[1500:1525] = 1.0
+        driven = speed + 240.0 * lfilter([0.15], [1, -0.85], pulse)
+        assert not warnings_of({"u": pulse, "speed": driven}), seed
+        assert [f.code for f in warnings_of({"speed": driven})] == ["check-outliers"], seed
 
 
 def test_a_limited_command_and_a_held_input_are_no_faults():

@@ -37,6 +37,7 @@ from daest.diagnosis.evidence.reasons import (
     same_in_machine,
     straight,
     told_values,
+    too_fast,
     too_slow,
     too_slow_for_its_size,
     unexplained,
@@ -1884,6 +1885,24 @@ def test_spring_of_unknown_size_that_relaxes_for_longer_than_the_recordings_is_n
     fit = SimpleNamespace(parameters=own, theta={p.name: p.value for p in own})
     assert bool(too_slow_for_its_size(run.null.experiments, spring, fit)) == is_refused
     assert bool(beyond_recordings(run.null, spring, fit)) == is_refused
+
+
+@pytest.mark.parametrize(
+    "samples, error, is_refused",
+    [(0.1, 10.0, True), (0.1, 0.01, False), (0.1, None, True), (5.0, 10.0, False)],
+)
+def test_mass_that_is_dragged_along_within_a_sample_is_one_more_mass(samples, error, is_refused):
+    """The mass of the model is estimated, too: nothing tells the two apart but how a sample is read."""
+    _, run = quiet()
+    period = float(np.median(np.diff(run.null.experiments[0].time)))
+    dragged = Candidate(find_effect("Rotational.DraggedInertia"), sites(model())[0], "e")
+    own = (
+        SimpleNamespace(name="e.J", value=1.361, std_error=0.045, unit="kg.m2"),
+        SimpleNamespace(name="e.T", value=samples * period, std_error=error and error * period, unit="s"),
+    )
+    fit = SimpleNamespace(parameters=own, theta={p.name: p.value for p in own})
+    assert bool(too_fast(run.null.experiments, dragged, fit)) == is_refused
+    assert bool(beyond_recordings(run.null, dragged, fit)) == is_refused
 
 
 @pytest.mark.parametrize("share, is_long", [(0.2, False), (0.3, True), (1.5, True)])

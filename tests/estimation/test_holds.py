@@ -161,7 +161,7 @@ def test_the_slope_of_an_input_that_runs_straight_is_there(tmp_path):
     flat = compile_text(text.encode(), tmp_path / "M.mo")
     inputs = np.column_stack([np.arange(5.0) ** 2, np.ones(5)])
     run = simulate(flat, (np.arange(5.0), inputs), hold="zoh(v)")
-    np.testing.assert_allclose(run["y"][:4], np.diff(inputs[:, 0]) + 1.0)
+    np.testing.assert_allclose(run["y"][1:4], 2.0 * np.arange(1.0, 4.0) + 1.0)
     with pytest.raises(ModelError, match="time derivative of input u"):
         simulate(flat, (np.arange(5.0), inputs), hold="zoh(u)")
 

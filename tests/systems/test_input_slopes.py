@@ -8,9 +8,10 @@ from daest.errors import ModelError
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions
-from daest.systems.linear.state_space import state_space, state_space_family
+from daest.systems.linear.state_space import stacked_inputs, state_space, state_space_family
 from daest.systems.reduction.input_slopes import acting_slopes, acting_slopes_of, theta_in_use
 from daest.systems.reduction.reduce import reduce_index
+from daest.systems.simulation.integrate import input_bends, inputs_at_ends
 from daest.systems.simulation.simulate import simulate
 
 TIME = 0.01 * np.arange(400)
@@ -113,3 +114,40 @@ def test_acceleration_that_no_loop_contains_may_be_missing():
     explicit = reduce_index(draft.flat())
     assert max(d.order for d in explicit.input_derivatives) == 2
     assert not acting_slopes(explicit)
+
+
+def test_slopes_of_straight_inputs_are_those_of_linear_models_at_samples_and_of_the_lines_between():
+    explicit = reduce_index(shaken(3.0, 5.0))
+    time = np.cumsum(np.random.default_rng(5).uniform(0.005, 0.02, 300))
+    u = np.random.default_rng(6).normal(size=(300, 1))
+    start, end = inputs_at_ends(explicit, time, u, "foh")
+    at_samples = stacked_inputs(u, time, ((0, 1),))
+    assert np.allclose(start, at_samples[:-1]) and np.allclose(end, at_samples[1:])
+    bent = input_bends(explicit, time, u, "foh")
+    assert bent is not None and not bent[:, :, 0].any() and not bent[:, 1].any()
+    mean = 0.5 * (start + end)[:, 1] + bent[:, 0, 1] / 6.0
+    assert np.allclose(mean, np.diff(u[:, 0]) / np.diff(time))
+    assert input_bends(explicit, time, u, "zoh") is None
+
+
+def pushed(cubic):
+    """A force that speeds up a mass and bends with its speed, whose readings alternate."""
+    draft = Draft("Pushed", parameters={"p": 2.0, "q": cubic}, unknowns=["F", "v"], inputs=["w"])
+    draft.outputs = {"y": "F"}
+    draft.equation("v = w")
+    draft.equation("F = p*der(v) + q*v**3")
+    return draft.flat()
+
+
+@pytest.mark.parametrize("cubic", [0.0, 1e-9])
+def test_rate_of_a_jittery_input_is_the_same_whether_the_model_bends_or_not(cubic):
+    w = np.repeat(np.random.default_rng(7).normal(size=200), 2)[:, None]
+    force = 2.0 * np.gradient(w[:, 0], TIME)[:, None]
+    assert np.allclose(simulate(pushed(cubic), (TIME, w), hold="foh").outputs, force, atol=1e-6)
+    noisy = force + np.random.default_rng(8).normal(size=force.shape)
+    fit = identify(
+        pushed(cubic),
+        [Experiment("pushed", TIME, w, noisy, ("w",), ("y",))],
+        IdentifyOptions(estimate=("p",), hold="foh"),
+    )
+    assert fit.theta["p"] == pytest.approx(2.0, abs=0.01)

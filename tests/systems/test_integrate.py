@@ -293,8 +293,8 @@ def test_slopes_of_inputs_where_the_model_needs_them():
     time = np.array([0.0, 0.1, 0.3])
     u = np.array([[1.0], [2.0], [0.0]])
     start, end = interval_inputs(differentiating(1), time, u, "foh")
-    assert np.allclose(start, [[1.0, 10.0], [2.0, -10.0]])
-    assert np.allclose(end, [[2.0, 10.0], [0.0, -10.0]])
+    assert np.allclose(start, [[1.0, 10.0], [2.0, 10.0 / 3.0]])
+    assert np.allclose(end, [[2.0, 10.0 / 3.0], [0.0, -10.0]])
     with pytest.raises(ModelError) as held:
         interval_inputs(differentiating(1), time, u, "zoh")
     assert held.value.code == "input-derivative-hold"

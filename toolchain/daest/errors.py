@@ -199,8 +199,8 @@ EXPLANATIONS: dict[str, str] = {
         "--resample. One without a unit counts hours as it stands."
     ),
     "check-outliers": (
-        "Single samples, or bursts of a few, lie far from their neighbours, farther than noise does. Least "
-        "squares follow them. "
+        "Single samples, or bursts of a few, lie far from their neighbours, farther than noise does, or an "
+        "output runs off and comes back while nothing else moves. Least squares follow them. "
         "Leave those cells empty if the machine cannot have moved so."
     ),
     "check-polarity": (

@@ -15,6 +15,7 @@ from daest.data.faults import (
     clock_findings,
     column_findings,
     displaced,
+    excursions,
     pair_findings,
 )
 from daest.data.limits import DATA
@@ -95,7 +96,8 @@ def _checked(
         if samples.values.size:
             of_column = column_findings(samples, int((~known).sum()))
             if not any(one.code in OFF_ALREADY for one in of_column):
-                of_column += displaced(samples, [c.values[known] for c in columns if c is not column])
+                others = [c.values[known] for c in columns if c is not column]
+                of_column += displaced(samples, others) or excursions(samples, others)
             findings += [*of_column, *_turned(column)]
         else:
             findings.append(Finding("check-missing", "warning", column.name, "holds no value"))

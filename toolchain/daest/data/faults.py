@@ -25,6 +25,7 @@ NEXT_LEVELS = 5  # beside a limit, that it is compared with
 NEIGHBOURS = 12  # samples on either side of a spike
 SPAN = 4  # samples of a third difference
 WRITTEN_DECIMALS = 6  # at most, of a reading
+MOST_STRETCHES = 5  # of a fault, whose times are told
 
 
 @dataclass(frozen=True)
@@ -360,6 +361,50 @@ def displaced(samples: Samples, others: Sequence[np.ndarray]) -> list[Finding]:
         "samples between a jump and one back that no other column tells of"
     )
     return [Finding("check-outliers", "warning", samples.name, text, at, count)]
+
+
+def excursions(samples: Samples, others: Sequence[np.ndarray]) -> list[Finding]:
+    """Stretches in which an output runs off and comes back on a smooth way, in steps far larger than all
+    others, while none of the `others`, the columns (n,), moves: pulses that were counted twice and smoothed
+    afterwards. A machine that is knocked does not go on as before, and an impact is over in a few samples."""
+    if samples.role != "output" or samples.steps.size < DATA.told_values:
+        return []
+    values, sizes = samples.values, np.abs(np.diff(samples.values))
+    loud = np.flatnonzero(sizes > DATA.stuck_jump * samples.large_step)
+    parts = np.split(loud, np.flatnonzero(np.diff(loud) > 4 * NEIGHBOURS) + 1) if loud.size else []
+    parts = [part for part in parts if part[0] >= NEIGHBOURS and part[-1] + 1 + NEIGHBOURS <= sizes.size]
+    ends = [(int(part[0]) - NEIGHBOURS, int(part[-1]) + 1 + NEIGHBOURS) for part in parts]
+    outside = np.ones(sizes.size, dtype=bool)
+    for first, last in ends:
+        outside[first:last] = False
+    usual = float(sizes[outside].max(initial=0.0))
+    found = [
+        (int(part[0]) + 1, int(part[-1]))
+        for part, (first, last) in zip(parts, ends, strict=True)
+        if part.size >= 2 * SPAN
+        and sizes[part].max() > DATA.spike_beyond * usual
+        and abs(values[last] - values[first])
+        < DATA.neighbours_agree * float(np.ptp(values[first : last + 1]))
+        and not any(_moves_in(other, first, last) for other in others)
+    ]
+    count = sum(last - first + 1 for first, last in found)
+    if not found or usual == 0.0 or count > DATA.off_in_all * values.size:
+        return []
+    worst = max(float(np.ptp(values[first : last + 1])) for first, last in found)
+    times = samples.time
+    told = [f"{times[a]:.6g} to {times[b]:.6g} {samples.clock}" for a, b in found[:MOST_STRETCHES]]
+    more = f" and {len(found) - len(told)} more" if len(found) > len(told) else ""
+    text = f"runs off and back by up to {worst:.4g} in {count} samples ({', '.join(told)}{more}), "
+    text += f"where it moves by no more than {usual:.3g} from sample to sample elsewhere"
+    return [Finding("check-outliers", "warning", samples.name, text, float(samples.time[found[0][0]]), count)]
+
+
+def _moves_in(values: np.ndarray, first: int, last: int) -> bool:
+    """Whether a column (n,) moves by much of its range from sample `first` to `last`. What is missing may
+    have."""
+    known, part = values[np.isfinite(values)], values[first : last + 1]
+    reach = DATA.jump_beside * (float(np.ptp(known)) if known.size else 0.0)
+    return not np.all(np.isfinite(part)) or (reach > 0.0 and float(np.ptp(part)) >= reach)
 
 
 def _jumps_at(values: np.ndarray, at: int) -> bool:

@@ -322,6 +322,22 @@ def too_slow_for_its_size(experiments: Sequence[Experiment], candidate: Candidat
     return ""
 
 
+def too_fast(experiments: Sequence[Experiment], candidate: Candidate, told: FitResult) -> str:
+    """Why a law that follows with a time of its own is not what its name says, where that time is below the
+    sampling of all recordings and not known: at once, a mass that is dragged along is one more mass, which an
+    estimated parameter is, too. Empty where it is not."""
+    shapes = {f"{candidate.name}.{p.name}": p for p in candidate.effect.parameters if p.role == "shape"}
+    own = [p for p in told.parameters if p.name in shapes and shapes[p.name].unit == "s"]
+    if not candidate.effect.n_states or not own:
+        return ""
+    period = min(float(np.median(np.diff(e.time))) for e in experiments)
+    for p in own:
+        if p.value < period and (p.std_error is None or p.value < GATES.min_significance * p.std_error):
+            every = spoken_duration(period, candidate.units.get(shapes[p.name].name) or "s")
+            return f"{told_value(p)} is below the sampling, {every}, and not known: it acts at once"
+    return ""
+
+
 def _stands_off(size: FittedParameter, null: float) -> bool:
     """Whether a size is certainly not at its null."""
     return bool(size.std_error) and abs(size.value - null) >= GATES.min_significance * (size.std_error or 0.0)
@@ -581,6 +597,7 @@ def beyond_recordings(model: Null, candidate: Candidate, told: FitResult) -> str
     """Why the law lies beyond what the recordings reach or show; empty where it does not."""
     reason = out_of_reach(model, candidate, told) or too_slow(model.experiments, candidate, told)
     reason = reason or too_slow_for_its_size(model.experiments, candidate, told)
+    reason = reason or too_fast(model.experiments, candidate, told)
     reason = reason or shut(model, candidate, told) or too_wide(model, candidate, told)
     reason = reason or creeping(model, candidate, told) or turned_back(model, candidate, told)
     return reason or straight(model, candidate, told)

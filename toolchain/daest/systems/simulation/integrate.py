@@ -554,8 +554,9 @@ def interval_inputs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """ū = (u, v) at the two ends of each sample interval, each (n_samples - 1, n_ū).
 
-    inputs (n_samples, n_u). A first derivative that the model needs is the slope of a foh input, that of the
-    spline at the samples for a smooth one, and zero for a held one. Raises what `refuse_derivatives` raises.
+    inputs (n_samples, n_u). A first derivative that the model needs is, at the samples, the central
+    difference of a foh input, as in `stacked_inputs`, the slope of the spline of a smooth one, and zero for a
+    held one. Raises what `refuse_derivatives` raises.
     """
     refuse_derivatives(explicit, hold, theta)
     return inputs_at_ends(explicit, time, inputs, hold)
@@ -567,18 +568,29 @@ def inputs_at_ends(
     """What `interval_inputs` returns, each (n_samples - 1, n_ū); derivatives that the samples do not have, of
     held inputs or of a higher order, are zero where the model needs them. Shapes: time (n_samples,), inputs
     (n_samples, n_u)."""
-    names = explicit.flat.input_names
-    start, end = inputs[:-1], interval_ends(inputs, hold, names)
-    held = held_inputs(hold, names)
-    slopes = (end - start) / np.diff(time)[:, None]
-    slopes[:, np.flatnonzero(held)] = 0.0
+    start, end = inputs[:-1], interval_ends(inputs, hold, explicit.flat.input_names)
+    if not explicit.input_derivatives:
+        return start, end
+    slopes = slopes_at_samples(explicit, time, inputs, hold)
+    return np.hstack([start, slopes[:-1]]), np.hstack([end, slopes[1:]])
+
+
+def _has_slope(explicit: Dynamics, hold: Hold) -> np.ndarray:
+    """1 for each input derivative (n_v,) that samples have, 0 for one of a held input or a higher order."""
+    held = held_inputs(hold, explicit.flat.input_names)
+    return np.array([d.order == 1 and not held[d.index] for d in explicit.input_derivatives], dtype=float)
+
+
+def slopes_at_samples(explicit: Dynamics, time: np.ndarray, inputs: np.ndarray, hold: Hold) -> np.ndarray:
+    """Input derivatives (n_samples, n_v) at the samples of `inputs` (n_samples, n_u): of splines where they
+    are smooth, else by central differences; zero where samples have none. On straight lines either side has a
+    derivative of its own, half a sample early or late."""
     sources = [d.index for d in explicit.input_derivatives]
-    is_slope = np.array([d.order == 1 for d in explicit.input_derivatives], dtype=float)
-    if hold == SMOOTH:
-        at_samples = spline_slopes(inputs[:, sources], time) * is_slope
-        return np.hstack([start, at_samples[:-1]]), np.hstack([end, at_samples[1:]])
-    v = slopes[:, sources] * is_slope
-    return np.hstack([start, v]), np.hstack([end, v])
+    if time.size < 2 or not sources:
+        return np.zeros((time.size, len(sources)))
+    given = inputs[:, sources]
+    slopes = spline_slopes(given, time) if hold == SMOOTH else np.gradient(given, time, axis=0)
+    return np.asarray(slopes) * _has_slope(explicit, hold)
 
 
 def follows_curves(explicit: Dynamics) -> bool:
@@ -590,16 +602,22 @@ def follows_curves(explicit: Dynamics) -> bool:
 def input_bends(explicit: Dynamics, time: np.ndarray, inputs: np.ndarray, hold: Hold) -> np.ndarray | None:
     """a and b (n_samples - 1, 2, n_ū) of r (1 - r) (a + b r), by which ū leaves the straight line at the part
     r of each interval; None where it does not. inputs (n_samples, n_u); those behind the inputs of the model
-    run straight."""
-    if hold != SMOOTH or time.size < 2:
-        return None
-    named, steps = len(explicit.flat.inputs), np.diff(time)[:, None]
-    slopes, rise = spline_slopes(inputs[:, :named], time), np.diff(inputs[:, :named], axis=0)
+    run straight. The derivative of a foh input bends so that its mean over an interval is the slope there."""
     sources = [d.index for d in explicit.input_derivatives]
-    bent = np.zeros((time.size - 1, 2, inputs.shape[1] + len(sources)))
+    moves = _has_slope(explicit, hold)
+    if time.size < 2 or (hold != SMOOTH and not moves.any()):
+        return None
+    named, steps, first = len(explicit.flat.inputs), np.diff(time)[:, None], inputs.shape[1]
+    bent = np.zeros((time.size - 1, 2, first + len(sources)))
+    if hold != SMOOTH:
+        start, end = inputs_at_ends(explicit, time, inputs, hold)
+        mean = np.diff(inputs[:, sources], axis=0) / steps - 0.5 * (start + end)[:, first:]
+        bent[:, 0, first:] = 6.0 * mean * moves
+        return bent
+    slopes, rise = spline_slopes(inputs[:, :named], time), np.diff(inputs[:, :named], axis=0)
     bent[:, 0, :named] = steps * slopes[:-1] - rise
     bent[:, 1, :named] = 2.0 * rise - steps * (slopes[:-1] + slopes[1:])
-    bent[:, 0, inputs.shape[1] :] = 3.0 * bent[:, 1, sources] / steps  # of the derivative, a parabola
+    bent[:, 0, first:] = 3.0 * bent[:, 1, sources] / steps  # of the derivative, a parabola
     return bent
 
 

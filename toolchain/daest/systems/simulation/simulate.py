@@ -15,7 +15,7 @@ import numpy as np
 from daest.errors import DaestError, ModelError, NumericalError
 from daest.model.experiment import Experiment, Simulation
 from daest.model.flat import Dynamics, ExplicitModel, FlatModel, Model, events_refused
-from daest.model.holds import SMOOTH, Hold, held_inputs, interval_ends, spline_slopes
+from daest.model.holds import SMOOTH, Hold, held_inputs, interval_ends
 from daest.model.linear import DiscreteModel, StateSpace
 from daest.numerics.evaluator import Evaluator
 from daest.numerics.exponential import covariance_integral, transition_integrals
@@ -48,6 +48,7 @@ from daest.systems.simulation.integrate import (
     integrate,
     integrator,
     interval_inputs,
+    slopes_at_samples,
 )
 from daest.systems.tolerances import SOLVER
 
@@ -64,7 +65,7 @@ SUBSTEPS = 4  # local linearisations per sample interval when a nonlinear model 
 
 @dataclass(frozen=True)
 class _Task:
-    """What a simulation needs, checked: v (n_samples, n_v) are the slopes of the interval that follows."""
+    """What a simulation needs, checked: v (n_samples, n_v) are the slopes of the inputs at the samples."""
 
     explicit: Dynamics
     time: np.ndarray
@@ -227,20 +228,13 @@ def _inputs(flat: Model, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _slopes(explicit: Dynamics, time: np.ndarray, u: np.ndarray, theta: np.ndarray, hold: Hold) -> np.ndarray:
-    """Input derivatives v (n_samples, n_v): the slope of the interval that follows, at the end the last; that
-    of the spline for a smooth input, zero for a held one."""
+    """Input derivatives v (n_samples, n_v) as `slopes_at_samples` has them; refused where the model moves by
+    one that the hold does not have."""
     held = held_inputs(hold, explicit.flat.input_names)
     for derivative in acting_slopes(explicit, theta=theta):
         if derivative.order > 1 or held[derivative.index]:
             raise _differentiated(explicit.flat, derivative.index, derivative.order, hold)
-    sources = [d.index for d in explicit.input_derivatives]
-    if time.size < 2:
-        return np.zeros((time.size, len(sources)))
-    if hold == SMOOTH:
-        return spline_slopes(u[:, sources], time)
-    rates = np.diff(u[:, sources], axis=0) / np.diff(time)[:, None]
-    rates[:, held[sources]] = 0.0
-    return np.vstack([rates, rates[-1:]])
+    return slopes_at_samples(explicit, time, u, hold)
 
 
 def _differentiated(flat: Model, source: int, order: int, hold: Hold) -> ModelError:
@@ -491,16 +485,19 @@ def _noisy_interval(
     Local linearisation (Jimenez & Ozaki): per substep the exact solution, mean and covariance, of the model
     linearised at the substep's start in x and at its middle in u and t; order 2 in the drift."""
     step = float(task.steps[k])
+    between = (
+        task.v[k] if task.hold == SMOOTH else rise[[d.index for d in task.explicit.input_derivatives]] / step
+    )
     w = np.zeros(intensity.size) if held is None else held
     total = np.zeros(intensity.size)
     for number in range(SUBSTEPS):
         middle = (number + 0.5) / SUBSTEPS
-        at = (task.u[k] + middle * rise, task.v[k], w, task.theta, task.time[k] + middle * step)
+        at = (task.u[k] + middle * rise, between, w, task.theta, task.time[k] + middle * step)
         white = intensity if held is None else None
         x, increment = _local_step(task.explicit, slopes, x, at, step / SUBSTEPS, white, rng)
         total += increment
         end = (number + 1.0) / SUBSTEPS
-        then = (task.u[k] + end * rise, task.v[k], w, task.theta, task.time[k] + end * step)
+        then = (task.u[k] + end * rise, between, w, task.theta, task.time[k] + end * step)
         x = _on_constraints(hold, task.explicit, x, then)
     return x, total / step
 
