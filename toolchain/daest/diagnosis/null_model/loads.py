@@ -163,13 +163,15 @@ def _silent(flat: FlatModel) -> FlatModel:
 
 
 def _as_space(loaded: FlatModel) -> StateSpace | None:
-    """None where a noise is differentiated. Where a slope is infinite at the start values, as that of the root
-    between two levels that start alike, it is taken beside them."""
+    """None where a noise is differentiated. Where a slope is infinite at the start values, as that of the
+    root between two levels that start alike, it is taken beside them."""
     try:
         made = state_space(family := state_space_family(loaded), loaded.theta_values)
         if _is_finite(made):
             return made
-        made = state_space(state_space_family(loaded, _apart(loaded, family.state_names)), loaded.theta_values)
+        made = state_space(
+            state_space_family(loaded, _apart(loaded, family.state_names)), loaded.theta_values
+        )
     except DaestError:
         return None
     return made if _is_finite(made) else None

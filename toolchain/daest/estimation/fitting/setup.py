@@ -205,7 +205,9 @@ def check_jumps(flat: FlatModel) -> None:
             rows = _jumping_rows(surface, residual, v, rest, flat.theta_values)
             held = np.setdiff1d(still, rows)
             if rows.size and held.size:
-                rows = _jumping_where_held(surface, residual, slopes, (v, rest, flat.theta_values), rows, held)
+                rows = _jumping_where_held(
+                    surface, residual, slopes, (v, rest, flat.theta_values), rows, held
+                )
             if rows.size:
                 raise _jump(flat, int(rows[0]))
 
@@ -260,8 +262,9 @@ def _jumping_where_held(
     rows: np.ndarray,
     held: np.ndarray,
 ) -> np.ndarray:
-    """Those of the `rows` that differ on both sides of the surface where the residuals `held` (n,) are zero; all
-    of them where no such point of it is found. `at`: unknowns, others and θ, of which the unknowns move."""
+    """Those of the `rows` that differ on both sides of the surface where the residuals `held` (n,) are zero;
+    all of them where no such point of it is found. `at`: unknowns, others and θ, of which the unknowns
+    move."""
     v, rest, theta = at
     for _ in range(NEWTON):
         g, slope = (np.array(part).ravel() for part in surface(v, rest, theta))
