@@ -212,6 +212,29 @@ def test_what_a_model_gives_its_components_is_proposed_where_it_has_nothing_of_i
     assert document["estimate"] == document["proposed"] == ["room.C", "wall.G"]
 
 
+RECORD = """package Rooms
+  record Wall
+    parameter Real G(unit = "W/K") = 30;
+    parameter Real share(unit = "1") = 0.5;
+  end Wall;
+  model Room
+    parameter Wall wall(share = 0.4);
+    parameter Real C(unit = "J/K") = 4e5;
+    input Real P(unit = "W");
+    output Real T(unit = "degC", start = 18);
+  equation
+    C*der(T) = wall.share*P - wall.G*T;
+  end Room;
+end Rooms;
+"""
+
+
+def test_fields_of_records_that_a_model_declares_are_its_own(box, daest):
+    (box / "Rooms.mo").write_text(RECORD)
+    document = json.loads(daest("init", "Rooms.mo", "box.csv", "--format", "json")[1])
+    assert document["proposed"] == ["wall.G", "C"]
+
+
 @pytest.mark.parametrize(("capacity", "clock"), [("J/K", "s"), ("W.h/K", "h")])
 def test_the_unit_of_cuts_is_that_in_which_the_model_counts_time(box, daest, capacity, clock):
     (box / "Box.mo").write_text(UNMARKED.replace("J/K", capacity))

@@ -231,3 +231,22 @@ def test_a_load_between_a_spring_that_is_put_in_and_a_damper_stays_a_state():
     grown = attach(null, effect, find_site(null, "rotor.flange_b", effect), values={"e": 1e4, "T": 0.01})
     assert places[0].load in reduce_index(grown).state_names
     assert places[0].load in reduce_index(pinned(grown, reduce_index(grown))).state_names
+
+
+ROOTS = b"""model Roots
+  parameter Real k(unit = "kg/(s.bar)") = 0.6;
+  parameter Real C(unit = "kg/bar") = 200;
+  input Real supply(unit = "bar", start = 40);
+  input Real taken(unit = "kg/s");
+  output Real p1(unit = "bar", start = 36);
+  output Real p2(unit = "bar", start = 36);
+equation
+  C*der(p1) = k*sqrt(supply^2 - p1^2) - (if p1 > p2 then k*sqrt(p1^2 - p2^2) else -k*sqrt(p2^2 - p1^2));
+  C*der(p2) = (if p1 > p2 then k*sqrt(p1^2 - p2^2) else -k*sqrt(p2^2 - p1^2)) - taken;
+end Roots;
+"""
+
+
+def test_places_are_told_apart_where_slopes_are_infinite_at_the_start() -> None:
+    flat = compile_text(ROOTS, Path("Roots.mo"))
+    assert [p.names for p in load_places(flat, load_sites(flat))] == [("0:p1",), ("1:p2",)]

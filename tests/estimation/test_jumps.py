@@ -55,6 +55,33 @@ def test_what_bends_or_jumps_in_time_is_allowed(tmp_path, law):
     check_jumps(law_of(tmp_path, law))
 
 
+LEVELS = """
+model Levels
+  parameter Real k = 0.3 annotation(__Daest(estimate = true));
+  input Real q;
+  output Real a(start = 1, fixed = true);
+  Real b(start = 1, fixed = true);
+  Real d = a - b;
+  Real flow_;
+equation
+  flow_ = k*sign(d)*LAW;
+  der(a) = q - flow_;
+  der(b) = flow_ - b;
+end Levels;
+"""
+
+
+@pytest.mark.parametrize("law", ["sqrt(abs(a - b))", "sqrt(abs(a^2 - b^2))"])
+def test_what_jumps_only_where_another_equation_does_not_hold_is_no_jump(tmp_path, law):
+    path = tmp_path / "Levels.mo"
+    path.write_text(LEVELS.replace("LAW", law))
+    check_jumps(compile_model(path, "Levels"))
+    path.write_text(LEVELS.replace("LAW", "sqrt(abs(a^2 - 0.9*b^2))"))
+    with pytest.raises(EstimationError) as caught:
+        check_jumps(compile_model(path, "Levels"))
+    assert caught.value.what.startswith("`flow_ = ")
+
+
 GEARED = """
 package P
   function ratio

@@ -50,7 +50,9 @@ def command(
     _refuse_existing(file)
     model, data = model_source(Project(Path()), files.model), files.data
     source = model_options.load(Project(Path()), model)
-    flat, proposed = _chosen(source, parameters, _given_to_components(model, source))
+    flat, proposed = _chosen(
+        source, parameters, _given_to_components(model, source), _records_of_its_own(model, source)
+    )
     tables = [read_table(path) for path in data]
     inputs = [Signal(v.name, v.unit) for v in flat.inputs]
     outputs = [Signal(y.name, y.unit) for y in flat.outputs]
@@ -111,24 +113,31 @@ def _given_to_components(path: Path, source: Model) -> frozenset[str]:
     return modified_names(path.read_bytes(), source.name) if path.suffix == ".mo" else frozenset()
 
 
+def _records_of_its_own(path: Path, source: Model) -> frozenset[str]:
+    """Records that the text of the model declares; none of an FMU."""
+    from daest.modelica.forms.modifications import declared_records
+
+    return declared_records(path.read_bytes(), source.name) if path.suffix == ".mo" else frozenset()
+
+
 def _chosen(
-    source: Model, parameters: ParameterOptions, given: frozenset[str]
+    source: Model, parameters: ParameterOptions, given: frozenset[str], records: frozenset[str]
 ) -> tuple[Model, tuple[str, ...]]:
     """The model with the parameters that the command line chooses, and which of the estimated ones are a
     proposal."""
     from daest.modelica.change import declare
 
-    proposed = () if parameters.estimate else _proposed(source, given)
+    proposed = () if parameters.estimate else _proposed(source, given, records)
     flat = parameters.applied(declare(source, estimate=proposed) if proposed else source)
     return flat, tuple(p.name for p in flat.parameters if p.estimate and p.name in proposed)
 
 
-def _proposed(flat: Model, given: frozenset[str]) -> tuple[str, ...]:
+def _proposed(flat: Model, given: frozenset[str], records: frozenset[str]) -> tuple[str, ...]:
     """What to estimate where the model marks nothing: the parameters that it declares itself (no part of a
-    component), or else those `given` to its components, with a unit and a value other than zero. What is zero
-    is the place of something, and a number without a unit is a ratio that somebody chose; what stands in no
-    equation is a start, say, and starts are free. Of those that the equations know only together, the first
-    are proposed."""
+    component) and the fields of its `records`, or else those `given` to its components, with a unit and a
+    value other than zero. What is zero is the place of something, and a number without a unit is a ratio that
+    somebody chose; what stands in no equation is a start, say, and starts are free. Of those that the
+    equations know only together, the first are proposed."""
     from daest.model.flat import FlatModel
     from daest.modelica.places.sites import used_parameters
 
@@ -144,6 +153,7 @@ def _proposed(flat: Model, given: frozenset[str]) -> tuple[str, ...]:
         if p.unit not in ("", "1") and p.value != 0.0 and not p.is_memory and p.name in used - noises
     ]
     own = tuple(name for name in may_be if "." not in name)
+    own += tuple(name for name in may_be if "." in name and name.partition(".")[0] in records)
     return _told_apart(flat, own or tuple(name for name in may_be if name in given))
 
 

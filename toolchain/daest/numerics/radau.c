@@ -122,11 +122,19 @@ static int all_finite(const double *v, int n) {
   return 1;
 }
 
+/* A slope that is infinite or undefined at a point, as that of a root at zero, is none there: the point is passed at
+ * once, and a step that needs the slope is cut. */
+static void tame(double *slopes, int n) {
+  for (int i = 0; i < n; ++i)
+    if (!isfinite(slopes[i])) slopes[i] = 0.0;
+}
+
 /* The rates, and the slopes where these are wanted; the tears of the loops are kept for the next point. */
 static int rates_at(Model *m, const double *x, const double *u, double t, double *f, double *slopes) {
-  if (NT == 0) return slopes ? call(daest_rhs, m, x, u, t, f, slopes, 0) : call(daest_rate, m, x, u, t, f, 0, 0);
-  int status = slopes ? call(daest_rhs, m, x, u, t, f, slopes, m->found)
-                      : call(daest_rate, m, x, u, t, f, m->found, 0);
+  int status = slopes ? call(daest_rhs, m, x, u, t, f, slopes, NT ? m->found : 0)
+                      : call(daest_rate, m, x, u, t, f, NT ? m->found : 0, 0);
+  if (slopes && !status && all_finite(f, NX)) tame(slopes, NX * NX);
+  if (NT == 0) return status;
   if (!status && all_finite(m->found, NT)) memcpy(m->tears, m->found, sizeof m->tears);
   return status;
 }
@@ -571,6 +579,8 @@ static void stage_jacobians(Work *k, Model *m, const Interval *s, double t, doub
     input_at(s, at, k->u);
     if (NT > 0) memcpy(m->tears, k->stage_tears + j * NT, sizeof(double) * NT);
     call(daest_sens, m, point, k->u, at, k->stageJ + j * NX * NX, k->stage_p + j * NX * daest_n_chosen, 0);
+    tame(k->stageJ + j * NX * NX, NX * NX);
+    tame(k->stage_p + j * NX * daest_n_chosen, NX * daest_n_chosen);
   }
 }
 
@@ -1133,6 +1143,7 @@ static void show(Work *k, Model *m, const double *u, double t, const double *S, 
   double C[NY * NX + 1], *seen = k->seen;
   const int size = WHOLE(directions);
   call(daest_out, m, k->x, u, t, h, C, k->out_p);
+  tame(C, NY * NX);
   for (int j = 0; j < NY && directions; ++j) {
     for (int d = 0; d < size; ++d) seen[j * size + d] = d < k->by_parameter ? k->out_p[d * NY + j] : 0.0;
     for (int r = 0; r < NX; ++r)

@@ -24,7 +24,7 @@ from daest.model.diagnosis import Proof
 from daest.model.fit import FitResult, FittedParameter, error_ratios
 from daest.quantities import with_unit
 
-MOST_ALIKE = 3  # values that do the same, of which each is estimated
+MOST_ALIKE = 3  # values that show alike, of which each is estimated
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,15 @@ class OtherValue:
         self, law: Proof, baseline: FitResult, null: Null, law_ratios: Sequence[float]
     ) -> bool:
         """Whether it is an answer beside an accepted law: as likely, or less so where the law simulates
-        unseen data with more error (as of two laws)."""
+        unseen data with more error (as of two laws). One that is far likelier need but simulate them with
+        less error than the model as it is: what else is missing may spoil its simulation."""
         if not self.ratios or self.delta_bic < GATES.min_bic_gain:
             return False
         pairs = list(zip(self.ratios, law_ratios, strict=False))
-        if self.delta_bic >= _beside_loads(law, baseline, null) - GATES.same_bic:
+        gain = _beside_loads(law, baseline, null)
+        if self.delta_bic >= gain + GATES.min_bic_gain and max(self.ratios) < GATES.max_rival_error:
+            return True
+        if self.delta_bic >= gain - GATES.same_bic:
             return all(own * GATES.max_rival_error <= other for own, other in pairs)
         return bool(pairs) and all(own < GATES.max_rival_error * other for own, other in pairs)
 
@@ -105,8 +109,8 @@ def _beside_loads(law: Proof, baseline: FitResult, null: Null) -> float:
 
 
 def other_value(stand: Stand, run: NullObserver) -> OtherValue | None:
-    """The held value that shows most in the innovations, estimated; None where none shows, another one cannot
-    be estimated, or is not certainly another."""
+    """The held value that shows most in the innovations, estimated, or of those that show nearly as much the
+    likeliest; None where none shows, another one cannot be estimated, or is not certainly another."""
     tied = {name for names in stand.tied for name in names}
     names = [p.name for p in stand.declared.parameters if not (p.estimate or p.is_memory or p.name in tied)]
     return most_telling(stand, run, names)
@@ -117,10 +121,12 @@ def most_telling(stand: Stand, run: NullObserver, names: Sequence[str]) -> Other
     null = stand.null
     if not names or stand.reference is None:
         return None
-    first = value_scores(null, run, names)[0]
+    scores = {one.name: one for one in value_scores(null, run, names)}
+    first = next(iter(scores.values()))
     if first.p_value >= GATES.screen_level:
         return None
-    found = _likeliest(stand, (first.name, *first.alike))
+    near = [one.name for one in scores.values() if one.score >= GATES.near_value_score * first.score]
+    found = _likeliest(stand, tuple(dict.fromkeys((first.name, *first.alike, *near))))
     if found is None:
         return None
     name, fit = found
@@ -138,14 +144,14 @@ def most_telling(stand: Stand, run: NullObserver, names: Sequence[str]) -> Other
         return None
     gain = fit.log_likelihood - stand.baseline.log_likelihood
     ratios = error_ratios(stand.told.simulated, after.fit.simulated)
-    alike = tuple(other for other in (first.name, *first.alike) if other != name)
+    alike = scores[name].alike
     is_all = is_at_noise(null, fit, after.fit)
     return OtherValue(told, held, bic_gain(gain, 1, null), tuple(ratios), alike, is_all)
 
 
 def _likeliest(stand: Stand, names: Sequence[str]) -> tuple[str, FitResult] | None:
-    """The refit with the one of `names`, which the sensors see alike, that ends likeliest: what is the same
-    equation is not the same way to it. None where none can be refitted."""
+    """The refit with the one of `names` that ends likeliest: what is the same equation is not the same way to
+    it. None where none can be refitted."""
     null, ends = stand.null, []
     known = {p.name for p in null.flat.parameters}
     for name in [name for name in names if name in known][:MOST_ALIKE]:

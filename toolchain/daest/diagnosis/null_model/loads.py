@@ -163,11 +163,31 @@ def _silent(flat: FlatModel) -> FlatModel:
 
 
 def _as_space(loaded: FlatModel) -> StateSpace | None:
-    """None where a noise is differentiated."""
+    """None where a noise is differentiated. Where a slope is infinite at the start values, as that of the
+    root between two levels that start alike, it is taken beside them."""
     try:
-        return state_space(state_space_family(loaded), loaded.theta_values)
+        made = state_space(family := state_space_family(loaded), loaded.theta_values)
+        if _is_finite(made):
+            return made
+        made = state_space(
+            state_space_family(loaded, _apart(loaded, family.state_names)), loaded.theta_values
+        )
     except DaestError:
         return None
+    return made if _is_finite(made) else None
+
+
+def _is_finite(space: StateSpace) -> bool:
+    return all(np.isfinite(matrix).all() for matrix in (space.A, space.C, space.G, space.H))
+
+
+def _apart(flat: FlatModel, states: Sequence[str]) -> dict[str, float]:
+    """Start values of the states that differ from each other, those above that are given."""
+    starts = {v.name: v.start_or_zero for v in flat.unknowns if v.name in states}
+    return {
+        name: start + i * GATES.start_apart * (abs(start) or 1.0)
+        for i, (name, start) in enumerate(starts.items(), start=1)
+    }
 
 
 def _response(space: StateSpace) -> np.ndarray:

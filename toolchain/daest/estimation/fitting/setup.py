@@ -182,7 +182,8 @@ def check_jumps(flat: FlatModel) -> None:
 
     Comparisons, sign, floor and ceil whose arguments contain unknowns are tried; those that only bend the
     equation (an absolute value, a limit) are left alone, and so are jumps in time or with an input, also
-    where variables of components hand it on.
+    where variables of components hand it on. What is no jump once equations without derivatives hold, as
+    `sign(d)*sqrt(abs(a - b))` beside `d = a - b`, is none.
     """
     driven = _driven_variables(flat)
     unknowns = ca.vertcat(flat.derivatives, flat.xi[np.flatnonzero(~driven).tolist()])
@@ -192,6 +193,9 @@ def check_jumps(flat: FlatModel) -> None:
     if not surfaces:
         return
     residual = ca.Function("residual", [unknowns, others, flat.theta], [expressions])
+    moved = set(ca.jacobian_sparsity(flat.residual, flat.derivatives).get_triplet()[0])
+    still = np.array([row for row in range(flat.residual.numel()) if row not in moved], dtype=int)
+    slopes = ca.Function("slopes", [unknowns, others, flat.theta], [ca.jacobian(expressions, unknowns)])
     rng = np.random.default_rng(0)
     for g in surfaces:
         surface = ca.Function("surface", [unknowns, others, flat.theta], [g, ca.gradient(g, unknowns)])
@@ -199,6 +203,11 @@ def check_jumps(flat: FlatModel) -> None:
             v = rng.standard_normal(unknowns.numel())
             rest = np.abs(rng.standard_normal(others.numel()))
             rows = _jumping_rows(surface, residual, v, rest, flat.theta_values)
+            held = np.setdiff1d(still, rows)
+            if rows.size and held.size:
+                rows = _jumping_where_held(
+                    surface, residual, slopes, (v, rest, flat.theta_values), rows, held
+                )
             if rows.size:
                 raise _jump(flat, int(rows[0]))
 
@@ -242,7 +251,41 @@ def _jumping_rows(
         if not np.isfinite(size) or size == 0.0:
             return np.zeros(0, dtype=int)
         v = v - g[0] * slope / size
-    across = slope / np.sqrt(size)
+    return _differing(residual, v, slope / np.sqrt(size), rest, theta)
+
+
+def _jumping_where_held(
+    surface: ca.Function,
+    residual: ca.Function,
+    slopes: ca.Function,
+    at: tuple[np.ndarray, np.ndarray, np.ndarray],
+    rows: np.ndarray,
+    held: np.ndarray,
+) -> np.ndarray:
+    """Those of the `rows` that differ on both sides of the surface where the residuals `held` (n,) are zero;
+    all of them where no such point of it is found. `at`: unknowns, others and θ, of which the unknowns
+    move."""
+    v, rest, theta = at
+    for _ in range(NEWTON):
+        g, slope = (np.array(part).ravel() for part in surface(v, rest, theta))
+        left = np.array(residual(v, rest, theta)).ravel()[held]
+        by_unknown = np.array(slopes(v, rest, theta).full())[held]
+        if not all(np.isfinite(part).all() for part in (slope, left, by_unknown)):
+            return rows
+        v = v - np.linalg.pinv(np.vstack([slope, by_unknown])) @ np.concatenate([g, left])
+    if abs(g[0]) + np.abs(left).max() > NEARER:
+        return rows
+    across = slope - np.linalg.pinv(by_unknown) @ (by_unknown @ slope)
+    size = np.linalg.norm(across)
+    if size <= NEARER * np.linalg.norm(slope):  # the equations let nothing pass it
+        return np.zeros(0, dtype=int)
+    return np.intersect1d(rows, _differing(residual, v, across / size, rest, theta))
+
+
+def _differing(
+    residual: ca.Function, v: np.ndarray, across: np.ndarray, rest: np.ndarray, theta: np.ndarray
+) -> np.ndarray:
+    """Rows of the residual that differ on both sides of v, along `across`, however close."""
 
     def difference(distance: float) -> np.ndarray:
         sides = [np.array(residual(v + s * distance * across, rest, theta)).ravel() for s in (1.0, -1.0)]

@@ -165,6 +165,21 @@ def modified_names(text: bytes, class_name: str) -> frozenset[str]:
     return frozenset(f"{name}.{one.name}" for name, given in components for one in given)
 
 
+def declared_records(text: bytes, class_name: str) -> frozenset[str]:
+    """Components of a class whose types are records of its file."""
+    heads = class_heads(text)
+    head = next((one for one in heads if one.name == class_name), None)
+    if head is None:
+        return frozenset()
+    inside = f"{head.name}.one"
+    return frozenset(
+        one.name.text
+        for line in statements(class_tokens(text, head))
+        for one in declared(line, head.name)
+        if (of := find_base(heads, inside, one.type_name)) is not None and of.kind == "record"
+    )
+
+
 def names_of(text: bytes, heads: Sequence[ClassHead], head: ClassHead) -> frozenset[str] | None:
     """Names outside of brackets in a class and in those that it extends; None if one of them is in another
     file."""
