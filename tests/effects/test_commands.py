@@ -88,7 +88,6 @@ def test_measured_signal(daest) -> None:
         (("--effect", "Unbalance", "--at", "load", "--set", "mg=1"), "effect-parameter"),
         (("--effect", "Unbalance", "--at", "load", "--name", "shaft"), "effect-name"),
         (("--effect", "Unbalance", "--at", "load", "--new-class", "Rig"), "effect-name"),
-        (("--effect", "DriftingParameter", "--at", "J"), "effect-not-writable"),
     ],
 )
 def test_refusals_write_nothing(daest, tmp_path, arguments, code) -> None:
