@@ -16,6 +16,9 @@ from daest.diagnosis.refits.dependences import dependence_screen, dependences, r
 from daest.diagnosis.screening.screen import run_null
 from daest.model.effects import Site
 from daest.model.experiment import Experiment
+from daest.modelica.change import declare
+from daest.modelica.compile import compile_model
+from daest.modelica.places.sites import changeable
 
 PERIOD, N, NOISE, MIDDLE = 0.05, 800, 0.5, 90.0
 
@@ -87,3 +90,17 @@ def test_a_dependence_that_leaves_errors_that_last_comes_near_alone(monkeypatch,
     changing = replace(friction, candidate=replace(friction.candidate, site=Site("J", "parameter", "signal")))
     kept, other = refused_where_errors_last([changing, friction])
     assert (kept.verdict == "supported") is is_kept and other is friction
+
+
+def test_constants_of_nature_do_not_change(tmp_path):
+    (tmp_path / "Fall.mo").write_text("""model Fall
+  parameter Real g(unit = "m/s2") = 9.80665; parameter Real g_moon(unit = "m/s2") = 1.62;
+  parameter Real sigma(unit = "W/(m2.K4)") = 5.67e-8; parameter Real R(unit = "kJ/(kmol.K)") = 8.314;
+  parameter Real k(unit = "1/s") = 9.81; parameter Real a(unit = "m/s2") = 9.81;
+  input Real u(unit = "m/s2"); output Real v(unit = "m/s", start = 0);
+equation
+  der(v) = g - g_moon - k*v + u + a*(sigma/5.67e-8 - R/8.314);
+end Fall;
+""")
+    flat = declare(compile_model(tmp_path / "Fall.mo"), estimate=("a",))
+    assert {site.name for site in changeable(flat)} == {"g_moon", "k", "a"}

@@ -17,7 +17,7 @@ from daest.diagnosis.screening.screen import NullObserver, size_names
 from daest.model.diagnosis import Candidate, Proof
 from daest.model.effects import Effect
 from daest.model.flat import FlatModel
-from daest.modelica.places.sites import sites
+from daest.modelica.places.sites import changeable
 from daest.systems.reduction.reduce import reduce_index
 
 CHANGE = "DriftingParameter"
@@ -61,7 +61,7 @@ def changing_value(
         return None
     if law.candidate.is_of_parameter:
         return None
-    places = [site for site in sites(stand.declared) if site.kind == "parameter"]
+    places = changeable(stand.declared)
     changes = {site.name: Candidate(effect, site, f"change_{i}", {}) for i, site in enumerate(places)}
     try:
         flat = attached(null.flat, tuple(changes.values()))

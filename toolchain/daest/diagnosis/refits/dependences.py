@@ -25,7 +25,7 @@ from daest.model.diagnosis import Candidate, Proof, Screen
 from daest.model.effects import Effect
 from daest.model.flat import Model
 from daest.modelica.effects.attach import free_name, names_of
-from daest.modelica.places.sites import sites
+from daest.modelica.places.sites import changeable
 
 LASTS = "what it leaves of a simulation lasts"
 LINEAR = "Daest.Effects.General.DependentParameter"
@@ -52,7 +52,7 @@ def dependences(
     """Every parameter of the `declared` model beside every variable that it may change with, from the middle
     that this has in the recordings, in the form of which all are to first order (`_forms`); and beside the
     time. None of a model with too many parameters."""
-    places = [site for site in sites(declared) if site.kind == "parameter"]
+    places = changeable(declared)
     if len(places) > MOST_PAIRS:
         return ()
     middles = _middles(null, run, most=MOST_PAIRS // max(len(places), 1))

@@ -15,6 +15,7 @@ import numpy as np
 from daest.errors import ModelError
 from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
+from daest.model.parts import Parameter
 from daest.modelica.flat.connectors import Connector, connectors_of, flow_scale
 from daest.modelica.places.balances import Balance, balances, domain_of, in_connectors, slopes_near_start
 from daest.modelica.places.equal_places import equal_places
@@ -24,6 +25,7 @@ from daest.modelica.places.meshes import meshes
 from daest.modelica.places.place_units import balances_flows
 from daest.modelica.places.terminals import terminals
 from daest.near import did_you_mean
+from daest.quantities import in_base_units, is_of
 
 # Rows of a component are linearised at a random point; a combination of rows is found with this relative
 # residual.
@@ -32,6 +34,12 @@ _TOLERANCE = 1e-9
 _PAIRED: tuple[Domain, ...] = ("thermal", "hydraulic")
 BEHIND_OUTPUT = "_actual"  # ends the name of the variable that equations hold behind an output
 _MOST_LISTED = 12  # places in a message
+_OF_NATURE = {  # in base units: gravity, and the constants of gases, radiation and charge
+    "m/s2": 9.81,
+    "J/(mol.K)": 8.314,
+    "W/(m2.K4)": 5.670e-8,
+    "C/mol": 96485.0,
+}
 _SIGNALS: dict[str, tuple[str, ...]] = {  # what is attached to a signal of each kind
     "input": ("signal", "input"),
     "output": ("signal", "output"),
@@ -244,6 +252,23 @@ def used_parameters(flat: FlatModel) -> list[str]:
     """Tunable parameters that the equations depend on (intensities of noises do not count)."""
     pattern = ca.jacobian_sparsity(ca.vertcat(flat.residual, flat.output_expressions), flat.theta)
     return [flat.parameters[i].name for i in sorted(set(pattern.get_col()))]
+
+
+def changeable(flat: Model) -> list[Site]:
+    """The parameters that may change while a machine runs: not the constants of nature."""
+    given = {p.name: p for p in flat.parameters}
+    return [s for s in sites(flat) if s.kind == "parameter" and not _is_of_nature(given[s.name])]
+
+
+def _is_of_nature(parameter: Parameter) -> bool:
+    """Whether a given parameter has the unit and, to half a percent, the value of a constant of nature."""
+    if parameter.estimate:
+        return False
+    value = parameter.value * in_base_units(parameter.unit)
+    return any(
+        is_of(parameter.unit, unit) and abs(value - constant) < 5e-3 * constant
+        for unit, constant in _OF_NATURE.items()
+    )
 
 
 def fits(effect: Effect, site: Site) -> bool:
