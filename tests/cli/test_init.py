@@ -142,7 +142,10 @@ def test_what_is_to_be_checked_or_completed_is_told(folder, daest):
     _, out, _ = daest("init", "Lag.mo", "odd.csv")
     assert "input u: u_drive, please check" in out and "output y: y\n" in out
     assert "estimated parameters: T (the model marks none), please check" in out
-    (folder / "Lag.mo").write_text(model.replace('unit = "s", ', ""))
+    numbers = model.replace('unit = "s", ', "").replace(
+        "  parameter Real", '  parameter Real z(unit = "m") = 0;\n  parameter Real', 1
+    )
+    (folder / "Lag.mo").write_text(numbers)
     _, out, _ = daest("init", "Lag.mo", "odd.csv", "-p", "none/daest.toml")
     assert "estimated parameters: NONE MARKED, see [parameters] of none/daest.toml" in out
     code, _, err = daest("identify", "-p", "none/daest.toml")
@@ -273,3 +276,17 @@ def test_of_parameters_that_cancel_the_first_are_proposed(folder, daest):
     (folder / "Fall.mo").write_text(text)
     code, out, _ = daest("init", "Fall.mo", "run1.csv", "--format", "json")
     assert code == 0 and json.loads(out)["estimate"] == ["m", "g"] == json.loads(out)["proposed"]
+
+
+def test_a_model_without_units_has_its_numbers_proposed_and_is_told_what_it_lacks(folder, daest):
+    (folder / "Bare.mo").write_text("""model Bare
+  parameter Real T = 0.4; parameter Real k = 2; parameter Real u0 = 0;
+  input Real u; output Real y = x; Real x(start = 0);
+equation
+  T*der(x) = k*(u - u0) - x;
+end Bare;
+""")
+    code, out, _ = daest("init", "Bare.mo", "run1.csv", "run2.csv", "--format", "json")
+    assert code == 0 and json.loads(out)["proposed"] == ["T", "k"]
+    code, _, err = daest("diagnose", "--effect", "Gain")
+    assert code == 0 and "no variable of the model has a unit" in err and "Real v(unit" in err

@@ -67,6 +67,10 @@ MANY_TIMES = 4  # ... at that many of the recordings' own periods, where they do
 AS_RECORDED = (
     "errors that stay correlated in time may come from the coarser period: diagnosed at the recordings' own"
 )
+WITHOUT_UNITS = (
+    "no variable of the model has a unit: friction, springs, leaks and all other laws of mechanics, "
+    'circuits, heat and fluids have no place, and are not tried; declare units, as in Real v(unit = "m/s")'
+)
 NONE_ESTIMATED = (
     "no parameter is estimated, so that a value of the model that is off looks like a missing effect: name "
     "the unknown ones by --estimate"
@@ -224,6 +228,9 @@ def opened(
     remarks = (*(() if fit is None else fit.remarks), *drive.remarks, *straight)
     if fit is None and flat.parameters and not any(p.estimate for p in flat.parameters):
         note(NONE_ESTIMATED)
+    units = [x.unit for x in flat.unknowns] + [u.unit for u in flat.inputs] + [y.unit for y in flat.outputs]
+    if not any(units):
+        note(WITHOUT_UNITS)
     case = case_of((drive.estimation, drive.validation), options, remarks)
     if drive.estimation is estimation or sum(e.n_samples for e in estimation) > MOST_AS_RECORDED:
         return case

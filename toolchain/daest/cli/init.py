@@ -34,8 +34,9 @@ def command(
     """Write a commented daest.toml for MODEL and the recordings DATA.
 
     Columns are matched with inputs and outputs by name, or proposed by description and unit. Where the model
-    marks no parameter as unknown, those with a unit that it declares itself are proposed, or else those that
-    it gives to its components, of such that no recording could tell apart the first. An existing file is not
+    marks no parameter as unknown, those with a unit (all where none has one) that it declares itself are
+    proposed, or else those that it gives to its components, of such that no recording could tell apart the
+    first. An existing file is not
     touched.
     """
     from daest.cli.check import checked
@@ -136,8 +137,8 @@ def _proposed(flat: Model, given: frozenset[str], records: frozenset[str]) -> tu
     """What to estimate where the model marks nothing: the parameters that it declares itself (no part of a
     component) and the fields of its `records`, or else those `given` to its components, with a unit and a
     value other than zero. What is zero is the place of something, and a number without a unit is a ratio that
-    somebody chose; what stands in no equation is a start, say, and starts are free. Of those that the
-    equations know only together, the first are proposed."""
+    somebody chose, unless no parameter has one; what stands in no equation is a start, say, and starts are
+    free. Of those that the equations know only together, the first are proposed."""
     from daest.model.flat import FlatModel
     from daest.modelica.places.sites import used_parameters
 
@@ -147,10 +148,12 @@ def _proposed(flat: Model, given: frozenset[str], records: frozenset[str]) -> tu
     if isinstance(flat, FlatModel) and flat.events is None:
         used = set(used_parameters(flat))
     noises = {f"{noise.name.rpartition('.')[0]}.intensity" for noise in flat.noises}
+    with_unit = {p.name for p in flat.parameters if p.unit not in ("", "1")}
+    told = with_unit or set(flat.parameter_names)
     may_be = [
         p.name
         for p in flat.parameters
-        if p.unit not in ("", "1") and p.value != 0.0 and not p.is_memory and p.name in used - noises
+        if p.value != 0.0 and not p.is_memory and p.name in (used & told) - noises
     ]
     own = tuple(name for name in may_be if "." not in name)
     own += tuple(name for name in may_be if "." in name and name.partition(".")[0] in records)

@@ -110,8 +110,8 @@ def _mapping(kind: str, matches: Sequence[Match]) -> Iterator[str]:
 def _parameters(draft: Draft) -> Iterator[str]:
     yield "\n[parameters]  # value; or estimate = true with start, min, max, scale (linear, log, auto)"
     if draft.proposed:
-        yield "# The model marks none as unknown. Those with a unit of their own are proposed, of such"
-        yield "# that no recording could tell apart the first: please check."
+        yield "# The model marks none as unknown. Those with a unit of their own are proposed (all where none"
+        yield "# has one), of such that no recording could tell apart the first: please check."
     for parameter in (p for p in draft.flat.parameters if not p.is_memory):
         shown = "" if parameter.estimate or parameter.name in draft.chosen else "# "
         remark = _remark(parameter.unit, parameter.description)
