@@ -898,6 +898,10 @@ def test_limit_of_a_rate_that_says_no_more_than_a_lag_whose_time_nobody_knows_is
     # A time that is known, though not as well as is asked for, is no better.
     weak = replace(lag, reason=f"{NOT_SIGNIFICANT} (0.5 ± 0.14 s)")
     assert next(p for p in ranked([limit, weak]) if p.candidate is limit.candidate).verdict == verdict
+    # What acts at once is no such lag, however unlikely: an offset of a motor's voltage had been refused so.
+    offset = law_told("Offset", 280.0, b=(0.5, 0.02))
+    found = ranked([offset, replace(lag, is_vague=True)])
+    assert next(p for p in found if p.candidate is offset.candidate).verdict == "supported"
 
 
 @pytest.mark.parametrize(("behind", "is_rival"), [(4.5, True), (5.5, False)])

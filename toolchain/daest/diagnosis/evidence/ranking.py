@@ -138,7 +138,8 @@ def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
     unknown = [p for p in proofs if _is_unknown_lag(p)]
     for proof in proofs:
         there = [p for p in unknown if p.candidate.site == proof.candidate.site and p is not proof]
-        simpler = [p for p in (*lags, *there) if is_simpler(p.candidate, proof.candidate)]
+        imitated = (*lags, *there) if proof.candidate.effect.n_states else lags
+        simpler = [p for p in imitated if is_simpler(p.candidate, proof.candidate)]
         more = GATES.same_bic if proof.candidate.effect.n_states else -GATES.same_bic
         same = next((p for p in simpler if proof.delta_bic <= p.delta_bic + more), None)
         if proof.verdict != "rejected" and same is not None:
