@@ -153,6 +153,19 @@ def test_loads_that_no_observer_follows_are_not_nothing():
     assert found.name == "unknown effect" and found.is_by_colour
 
 
+def test_nearest_law_is_named_where_errors_stay_correlated():
+    """But none that makes a simulation of unseen data worse."""
+    refused = replace(proof(verdict="rejected", simulated=0.8), reason="what it leaves lasts")
+    worse = replace(refused, final=fit(simulated=2.0), delta_bic=refused.delta_bic + 10.0)
+    parts = {"p_value": 0.5, "gain": 0.0, "innovations": COLOURED, "observer": 0.0}
+    found = decide(evidence(proofs=[worse, refused], **parts))
+    assert found.name == "unknown effect" and found.is_by_colour
+    told = f"{refused.candidate.label} comes nearest (tau_c = 0.15"
+    assert told in found.message and "but what it leaves lasts." in found.message
+    assert "phi 1 -> 0.8" in found.message
+    assert "nearest" not in decide(evidence(proofs=[worse], **parts)).message
+
+
 def test_laws_that_would_have_shown_are_different_ones():
     """One law at four places that the sensors see alike had been all of them."""
     laws = pairs(some_effects("CoulombFriction", "QuadraticDrag"), sites(model()))
