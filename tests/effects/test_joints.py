@@ -1,5 +1,7 @@
 """Connectors that call their variables otherwise than the library: known by their units, and joined."""
 
+import re
+
 import numpy as np
 import pytest
 from effect_rig import characteristic, finite_poles
@@ -10,7 +12,7 @@ from daest.modelica.effects.attach import attach
 from daest.modelica.effects.catalogue import find_effect
 from daest.modelica.effects.extend import extend_model
 from daest.modelica.places.place_units import units_at
-from daest.modelica.places.sites import find_site, sites
+from daest.modelica.places.sites import find_site, fits, sites
 from daest.systems.simulation.simulate import simulate
 
 OWN = """package Own "Connectors with names of their own"
@@ -183,6 +185,28 @@ def test_leak_empties_a_vessel_of_gas(tmp_path):
     made = extend_model(file, "Air.Rig", law, find_site(flat, "second.port", law), values={"G": 1.2e-9})
     left = simulate(made.flat, (np.linspace(0.0, 100.0, 11), np.zeros((11, 1)))).outputs[:, 0]
     np.testing.assert_allclose(left, 4e5 * np.exp(-1.2e-9 / 6e-7 * np.linspace(0.0, 100.0, 11)), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("potential", "flow", "is_gas"),
+    [
+        ("Pa", "kg/s", True),
+        ("mbar", "mbar.l/s", True),
+        ("Pa", "m3/s", False),
+        ("bar", "l/min", False),
+        ("m", "m3/s", False),
+    ],
+)
+def test_a_law_of_a_gas_fits_where_masses_flow_and_not_where_volumes_do(tmp_path, potential, flow, is_gas):
+    text = re.sub(r"\bm\b", "q", AIR).replace("kg/s", flow).replace('"Pa"', f'"{potential}"')
+    file = tmp_path / "Air.mo"
+    file.write_text(text)
+    places = sites(compile_model(file, "Air.Rig"))
+    fitting = [
+        [site.name for site in places if fits(find_effect(f"Hydraulic.{law}"), site)]
+        for law in ("LaminarLine", "LaminarGasLine")
+    ]
+    assert fitting == [["line"], ["line"] if is_gas else []]
 
 
 def test_gas_flows_through_a_capillary_by_the_squares_of_the_pressures(tmp_path):

@@ -6,8 +6,9 @@ model LaminarGasLine "Laminar flow of a gas from one vessel to the next"
 equation
   q = b*(port_a.p^2 - port_b.p^2);
   annotation(
-    __Daest(effect = true, attach = "parallel", law = "q = b*(port_a.p^2 - port_b.p^2)"),
+    __Daest(effect = true, attach = "parallel", of_gas = true, law = "q = b*(port_a.p^2 - port_b.p^2)"),
     Documentation(info = "A capillary, a narrow slot or a porous wall: its conductance grows with the mean of the two
-pressures. It counts in mass, or in pressure times volume; where the pressures are above that of the
-air, a line beside it whose flow goes with the drop makes up for the zero."));
+pressures. It is tried where masses flow, or pressure times volume: where volumes balance, it is a
+liquid. Where pressures are told above that of the air, a line beside it, whose flow goes with the
+drop, makes up for the zero."));
 end LaminarGasLine;

@@ -132,6 +132,16 @@ def _of_other_flow(unit: str, flow: str) -> str:
     return "" if power is None else over_power(flow, "Pa", power)
 
 
+def carries_gas(flat: FlatModel, site: Site) -> bool:
+    """Whether what flows between the connectors of a site may be a gas: mass, or pressure times volume.
+    Where volumes balance, or the pressure is a level, it is a liquid."""
+    if site.domain != "hydraulic":
+        return False
+    of_potential, of_flow = _units_of_connector(flat, site)
+    is_volume = not is_known_unit(of_flow) or is_of(of_flow, FLOWS["hydraulic"])
+    return not is_volume and not is_length(of_potential)
+
+
 def flow_unit(flat: FlatModel, site: Site) -> str:
     """Unit of the terms of the bare equation at `site` where they are flows of its domain, else empty (those
     of a mesh may be voltages, currents or rates)."""
