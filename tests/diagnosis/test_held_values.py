@@ -99,6 +99,7 @@ class Law:
     is_by_use: bool = False
     candidate = SimpleNamespace(label="FlexibleAppendage at w", n_unknowns=5)
     fit = SimpleNamespace(log_likelihood=40.0)
+    told: object = None
 
 
 def test_values_that_do_the_same_are_told_together(monkeypatch):
@@ -196,6 +197,19 @@ def test_the_verdict_is_then_that_parameters_are_off():
     assert found.message.endswith("than FlexibleAppendage at w: estimate it (--estimate m1).")
     assert [p.verdict for p in found.proofs] == ["rejected", "rejected"]
     assert "another value of `m1`" in found.proofs[0].reason and found.proofs[1] is refused
+
+
+def test_no_law_is_claimed_before_given_values_are_asked_for_though_the_time_is_up():
+    """A round of `improve` that ended with its time had added a law that stood for a value 20 % off."""
+    parameter = FittedParameter("B", 12.0, 0.05, 10.0, "1", 0.0, None, False)
+    other = OtherValue(parameter, 10.0, 200.0, (0.2,))
+    stand, late = stand_with(INERTIA), DiagnoseOptions(until=0.0)
+    decided = Decided("supported", "A law.", "", (Law(-1e3, told=stand.told),))
+    found, _ = _with_values(stand, lambda: other, None, decided, late, lambda _: None)
+    assert found.name == "parameters off"
+    none = Decided("external disturbance", "A load.", "", ())
+    same, said = _with_values(stand, lambda: pytest.fail("asked"), None, none, late, lambda _: None)
+    assert same is none and not said
 
 
 def test_the_sentence_names_both_values():

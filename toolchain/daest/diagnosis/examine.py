@@ -57,6 +57,7 @@ from daest.numerics.parallel import Workers, called, workers
 
 CURVE_TIMES = 20.0  # those of the fit of the model as it is, that a refit with a curve may take
 CURVE_SECONDS = 60.0  # and that it may take in any case
+VALUE_TIMES = 5.0  # those that refits with other values of what the model holds may take beside a law
 TIME_UP = " The time was up before all of them were refitted."
 OPEN = ("external disturbance", "unknown effect", "cannot tell")
 
@@ -302,17 +303,19 @@ def _with_values(
 ) -> tuple[Decided, str]:
     """What is decided beside the value that the model holds of which another one says most, and a sentence on
     one that comes near where no law was found; empty where none does."""
-    if decided.name in ("nothing missing", "parameters off") or options.is_over:
+    law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
+    if decided.name in ("nothing missing", "parameters off") or (options.is_over and law is None):
         return decided, ""
+    # No law is claimed before it is known whether another value says as much, though the time be up.
+    longest = 0.0 if law is None else VALUE_TIMES * stand.baseline.seconds
     progress("estimating what the model holds")
     # Dead reckoning tells two models of one equation alike, and else which of two comes near.
     adds_up = stand.reference is not None and stand.reference.adds_up
     other = None
-    with suppress(OutOfTimeError), until(options.until):
+    with suppress(OutOfTimeError), until(max(options.until, time.monotonic() + longest)):
         other = values()
     if other is None:
         return decided, ""
-    law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
     if law is None:
         if other.says_much and other.is_all:
             return _by_value_alone(decided, other), ""

@@ -57,8 +57,12 @@ class OtherValue:
 
     @property
     def settled_by(self) -> str:
-        """The measurement that tells it from an effect."""
-        return f"Measure `{self.parameter.name}` by itself, which settles it."
+        """What tells it from an effect."""
+        name = self.parameter.name
+        return (
+            f"Estimate it and diagnose again (--estimate {name}): what is missing besides shows then. A "
+            f"measurement of `{name}` by itself settles it."
+        )
 
     def says_as_much_as(
         self, law: Proof, baseline: FitResult, null: Null, law_ratios: Sequence[float]
