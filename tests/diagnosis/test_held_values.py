@@ -18,6 +18,7 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screening import screen as screen_module
 from daest.diagnosis.screening.screen import run_null, value_scores
 from daest.model.fit import FittedParameter
+from daest.numerics.deadline import OutOfTimeError
 
 
 @cache
@@ -207,6 +208,12 @@ def test_no_law_is_claimed_before_given_values_are_asked_for_though_the_time_is_
     decided = Decided("supported", "A law.", "", (Law(-1e3, told=stand.told),))
     found, _ = _with_values(stand, lambda: other, None, decided, late, lambda _: None)
     assert found.name == "parameters off"
+
+    def too_long():
+        raise OutOfTimeError
+
+    same, said = _with_values(stand, too_long, None, decided, late, lambda _: None)
+    assert same is decided and said.startswith(" The time was up before it was known whether another")
     none = Decided("external disturbance", "A load.", "", ())
     same, said = _with_values(stand, lambda: pytest.fail("asked"), None, none, late, lambda _: None)
     assert same is none and not said
