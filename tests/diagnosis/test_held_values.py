@@ -92,6 +92,11 @@ def test_no_value_is_looked_for_where_all_are_estimated():
     assert other_value(stand, run_null(stand.null)) is None
 
 
+def in_toml(name):
+    """On the command line a name would be estimated alone, and all others held."""
+    return f"(`{name} = {{ estimate = true }}` under [parameters] of daest.toml)"
+
+
 @dataclass(frozen=True)
 class Law:
     delta_bic: float
@@ -195,7 +200,7 @@ def test_the_verdict_is_then_that_parameters_are_off():
     found = examine_module._by_value(decided, law, other)
     assert found.name == "parameters off"
     assert "Another one of `m1`, 721 ± 1 kg instead of the 600 kg that is given, explains" in found.message
-    assert found.message.endswith("than FlexibleAppendage at w: estimate it (--estimate m1).")
+    assert found.message.endswith(f"than FlexibleAppendage at w: estimate it, too {in_toml('m1')}.")
     assert [p.verdict for p in found.proofs] == ["rejected", "rejected"]
     assert "another value of `m1`" in found.proofs[0].reason and found.proofs[1] is refused
 
@@ -227,8 +232,8 @@ def test_the_sentence_names_both_values():
     same, said = _with_values(stand, lambda: other, None, decided, DiagnoseOptions(), lambda _: None)
     assert same is decided
     assert said == (
-        " Another value of `R`, 84 ± 0.2 Ohm instead of the 35 Ohm that is given, comes near: estimate it "
-        "(--estimate R)."
+        " Another value of `R`, 84 ± 0.2 Ohm instead of the 35 Ohm that is given, comes near: estimate it, "
+        f"too {in_toml('R')}."
     )
     none, said = _with_values(
         stand,
@@ -243,7 +248,7 @@ def test_the_sentence_names_both_values():
     whole = replace(other, is_all=True)
     found, said = _with_values(stand, lambda: whole, None, decided, DiagnoseOptions(), lambda _: None)
     assert found.name == "parameters off" and said == ""
-    assert found.message.endswith("no effect is missing: estimate it (--estimate R).")
+    assert found.message.endswith(f"no effect is missing: estimate it, too {in_toml('R')}.")
     # Where errors of a simulation add up, that another value simulates better says little.
     adding = replace(stand, reference=replace(stand.reference, adds_up=True))
     assert _with_values(adding, lambda: other, None, decided, DiagnoseOptions(), lambda _: None) == (

@@ -106,7 +106,7 @@ def test_an_effect_that_may_stand_for_a_given_value_is_told_with_what_to_do(roun
     result, _ = rounds(lambda inside: found([], "unknown effect") if inside else found([law]))
     assert result.reason == (
         "said CoulombFriction at rotor.flange_a may stand for another value of `B`: before it is believed, "
-        "repeat this with --estimate B."
+        "estimate that, too (`B = { estimate = true }` under [parameters] of daest.toml), and repeat this."
     )
 
 

@@ -112,7 +112,7 @@ def test_law_is_no_claim_beside_a_given_value_of_which_another_says_as_much():
     assert found.message.startswith(
         "CoulombFriction at rotor.flange_a would do (tau_c = 0.15 ± 0.01 N.m), but "
     )
-    assert f"another value of {value}, says as much: estimate it (--estimate J)" in found.message
+    assert f"another value of {value}, says as much: estimate it, too (`J = " in found.message
     assert "phi 1 -> 0.1" in found.message
     first, second = found.proofs
     assert first.verdict == "not separable" and first.not_separable_from == (f"another value of {value}",)

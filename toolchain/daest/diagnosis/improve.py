@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from daest.diagnosis.answers.held_values import in_project
 from daest.diagnosis.answers.told_beside import held_told, limit_told
 from daest.diagnosis.built_in.certainty import certainty_of
 from daest.diagnosis.built_in.settled import FAILURES
@@ -259,8 +260,8 @@ def _beside_values(path: _Path) -> str:
         answers = () if step.proof is None else step.proof.not_separable_from
         names |= {name: _label(step) for one in answers for name in _GIVEN_VALUE.findall(one)}
     return " ".join(
-        f"{label} may stand for another value of `{name}`: before it is believed, repeat this with "
-        f"--estimate {name}."
+        f"{label} may stand for another value of `{name}`: before it is believed, estimate that, too "
+        f"({in_project(name)}), and repeat this."
         for name, label in names.items()
     )
 
