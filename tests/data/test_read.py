@@ -213,3 +213,40 @@ def test_options_out_of_range():
     for options in ({"period": 0.0}, {"period": float("nan")}, {"split": 1.0}, {"split": 0.0}):
         with pytest.raises(ConfigError):
             Preparation(**options)
+
+
+@pytest.mark.parametrize(("row", "to"), [(301, 1), (301, -1)])
+def test_a_row_with_the_time_of_its_neighbour_beside_a_gap_is_put_into_it(tmp_path, row, to):
+    """As a recorder writes that comes late once."""
+    time = np.round(np.arange(1000) * 0.01, 3)
+    wrong = time.copy()
+    wrong[row] = time[row + to]
+    path = tmp_path / "run.csv"
+    np.savetxt(path, np.column_stack([wrong, time, time]), delimiter=",", header="time,u,phi", comments="")
+    experiment = read(path)
+    np.testing.assert_allclose(experiment.time, time, atol=1e-9)
+    np.testing.assert_array_equal(experiment.outputs[:, 0], time)
+    assert any(f"stands still at {time[row + to]:.10g}, where" in note for note in experiment.notes)
+
+
+def late_once(time):
+    return np.where(np.arange(time.size) == 300, time[301], time)
+
+
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [
+        (lambda t: np.insert(t, 300, t[300]), "duplicate"),  # a row twice, and no gap
+        (lambda t: np.where(np.arange(t.size) % 100 == 1, np.roll(t, 1), t), "duplicate"),  # too often
+        (lambda t: late_once(t)[:302], "duplicate"),  # at the end: nobody knows which of the two is late
+        (lambda t: late_once(t + 0.3 * t**2), "duplicate"),  # uneven
+        (lambda t: np.where(np.arange(t.size) == 300, np.roll(t, 2), t), "not-increasing"),
+    ],
+)
+def test_other_rows_of_equal_time_are_refused(tmp_path, fault, code):
+    time = fault(np.round(np.arange(1000) * 0.01, 3))
+    path = tmp_path / "run.csv"
+    np.savetxt(path, np.column_stack([time, time, time]), delimiter=",", header="time,u,phi", comments="")
+    with pytest.raises(DataError) as caught:
+        read(path)
+    assert caught.value.code == f"data-time-{code}"

@@ -18,6 +18,7 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screening import screen as screen_module
 from daest.diagnosis.screening.screen import run_null, value_scores
 from daest.model.fit import FittedParameter
+from daest.numerics.deadline import OutOfTimeError
 
 
 @cache
@@ -91,6 +92,11 @@ def test_no_value_is_looked_for_where_all_are_estimated():
     assert other_value(stand, run_null(stand.null)) is None
 
 
+def in_toml(name):
+    """On the command line a name would be estimated alone, and all others held."""
+    return f"(`{name} = {{ estimate = true }}` under [parameters] of daest.toml)"
+
+
 @dataclass(frozen=True)
 class Law:
     delta_bic: float
@@ -99,6 +105,7 @@ class Law:
     is_by_use: bool = False
     candidate = SimpleNamespace(label="FlexibleAppendage at w", n_unknowns=5)
     fit = SimpleNamespace(log_likelihood=40.0)
+    told: object = None
 
 
 def test_values_that_do_the_same_are_told_together(monkeypatch):
@@ -193,9 +200,28 @@ def test_the_verdict_is_then_that_parameters_are_off():
     found = examine_module._by_value(decided, law, other)
     assert found.name == "parameters off"
     assert "Another one of `m1`, 721 ± 1 kg instead of the 600 kg that is given, explains" in found.message
-    assert found.message.endswith("than FlexibleAppendage at w: estimate it (--estimate m1).")
+    assert found.message.endswith(f"than FlexibleAppendage at w: estimate it, too {in_toml('m1')}.")
     assert [p.verdict for p in found.proofs] == ["rejected", "rejected"]
     assert "another value of `m1`" in found.proofs[0].reason and found.proofs[1] is refused
+
+
+def test_no_law_is_claimed_before_given_values_are_asked_for_though_the_time_is_up():
+    """A round of `improve` that ended with its time had added a law that stood for a value 20 % off."""
+    parameter = FittedParameter("B", 12.0, 0.05, 10.0, "1", 0.0, None, False)
+    other = OtherValue(parameter, 10.0, 200.0, (0.2,))
+    stand, late = stand_with(INERTIA), DiagnoseOptions(until=0.0)
+    decided = Decided("supported", "A law.", "", (Law(-1e3, told=stand.told),))
+    found, _ = _with_values(stand, lambda: other, None, decided, late, lambda _: None)
+    assert found.name == "parameters off"
+
+    def too_long():
+        raise OutOfTimeError
+
+    same, said = _with_values(stand, too_long, None, decided, late, lambda _: None)
+    assert same is decided and said.startswith(" The time was up before it was known whether another")
+    none = Decided("external disturbance", "A load.", "", ())
+    same, said = _with_values(stand, lambda: pytest.fail("asked"), None, none, late, lambda _: None)
+    assert same is none and not said
 
 
 def test_the_sentence_names_both_values():
@@ -206,8 +232,8 @@ def test_the_sentence_names_both_values():
     same, said = _with_values(stand, lambda: other, None, decided, DiagnoseOptions(), lambda _: None)
     assert same is decided
     assert said == (
-        " Another value of `R`, 84 ± 0.2 Ohm instead of the 35 Ohm that is given, comes near: estimate it "
-        "(--estimate R)."
+        " Another value of `R`, 84 ± 0.2 Ohm instead of the 35 Ohm that is given, comes near: estimate it, "
+        f"too {in_toml('R')}."
     )
     none, said = _with_values(
         stand,
@@ -222,7 +248,7 @@ def test_the_sentence_names_both_values():
     whole = replace(other, is_all=True)
     found, said = _with_values(stand, lambda: whole, None, decided, DiagnoseOptions(), lambda _: None)
     assert found.name == "parameters off" and said == ""
-    assert found.message.endswith("no effect is missing: estimate it (--estimate R).")
+    assert found.message.endswith(f"no effect is missing: estimate it, too {in_toml('R')}.")
     # Where errors of a simulation add up, that another value simulates better says little.
     adding = replace(stand, reference=replace(stand.reference, adds_up=True))
     assert _with_values(adding, lambda: other, None, decided, DiagnoseOptions(), lambda _: None) == (

@@ -100,6 +100,16 @@ def test_both_of_two_effects_that_are_not_separable_are_pursued(rounds, end, mor
     assert result.steps[1].remark == "not separable from the other" and result.reason == "said"
 
 
+def test_an_effect_that_may_stand_for_a_given_value_is_told_with_what_to_do(rounds):
+    answer = "another value of `B`, 12 ± 0.05 instead of the 10 that is given"
+    law = replace(proof_of("CoulombFriction"), verdict="not separable", not_separable_from=(answer,))
+    result, _ = rounds(lambda inside: found([], "unknown effect") if inside else found([law]))
+    assert result.reason == (
+        "said CoulombFriction at rotor.flange_a may stand for another value of `B`: before it is believed, "
+        "estimate that, too (`B = { estimate = true }` under [parameters] of daest.toml), and repeat this."
+    )
+
+
 def test_improvement_ends_at_its_limit(rounds):
     friction = replace(proof_of("CoulombFriction"), verdict="supported")
     result, asked = rounds(lambda inside: found([] if inside else [friction]), most_effects=1)

@@ -112,7 +112,7 @@ def test_law_is_no_claim_beside_a_given_value_of_which_another_says_as_much():
     assert found.message.startswith(
         "CoulombFriction at rotor.flange_a would do (tau_c = 0.15 ± 0.01 N.m), but "
     )
-    assert f"another value of {value}, says as much: estimate it (--estimate J)" in found.message
+    assert f"another value of {value}, says as much: estimate it, too (`J = " in found.message
     assert "phi 1 -> 0.1" in found.message
     first, second = found.proofs
     assert first.verdict == "not separable" and first.not_separable_from == (f"another value of {value}",)
@@ -151,6 +151,19 @@ def test_loads_that_no_observer_follows_are_not_nothing():
     assert decide(evidence(p_value=0.5, gain=0.0, observer=0.0)).name == "nothing missing"
     found = decide(evidence(p_value=0.5, gain=0.0, innovations=COLOURED, observer=0.0))
     assert found.name == "unknown effect" and found.is_by_colour
+
+
+def test_nearest_law_is_named_where_errors_stay_correlated():
+    """But none that makes a simulation of unseen data worse."""
+    refused = replace(proof(verdict="rejected", simulated=0.8), reason="what it leaves lasts")
+    worse = replace(refused, final=fit(simulated=2.0), delta_bic=refused.delta_bic + 10.0)
+    parts = {"p_value": 0.5, "gain": 0.0, "innovations": COLOURED, "observer": 0.0}
+    found = decide(evidence(proofs=[worse, refused], **parts))
+    assert found.name == "unknown effect" and found.is_by_colour
+    told = f"{refused.candidate.label} comes nearest (tau_c = 0.15"
+    assert told in found.message and "but what it leaves lasts." in found.message
+    assert "phi 1 -> 0.8" in found.message
+    assert "nearest" not in decide(evidence(proofs=[worse], **parts)).message
 
 
 def test_laws_that_would_have_shown_are_different_ones():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -31,7 +32,8 @@ def rig() -> FlatModel:
 
 @cache
 def rig_sites() -> tuple[Site, ...]:
-    return sites(rig())
+    """Those of the rig, in which a liquid flows, and where a law of a gas is a law as well."""
+    return tuple(replace(site, carries_gas=site.domain == "hydraulic") for site in sites(rig()))
 
 
 def placements() -> list[tuple[Effect, Site]]:

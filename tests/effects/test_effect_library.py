@@ -60,6 +60,7 @@ EXPECTED = {
             "WideningTank",
             "ConstantFlow",
             "ConstantHead",
+            "LaminarGasLine",
         ]
     ),
     "Amounts": frozenset(

@@ -1,5 +1,7 @@
 """Connectors that call their variables otherwise than the library: known by their units, and joined."""
 
+import re
+
 import numpy as np
 import pytest
 from effect_rig import characteristic, finite_poles
@@ -10,7 +12,7 @@ from daest.modelica.effects.attach import attach
 from daest.modelica.effects.catalogue import find_effect
 from daest.modelica.effects.extend import extend_model
 from daest.modelica.places.place_units import units_at
-from daest.modelica.places.sites import find_site, sites
+from daest.modelica.places.sites import find_site, fits, sites
 from daest.systems.simulation.simulate import simulate
 
 OWN = """package Own "Connectors with names of their own"
@@ -145,6 +147,7 @@ end Tanks;
         (TANKS, "Hydraulic.FreeOutlet", "second.port", {"k": "m3/s", "p_0": "m", "p_1": "m", "p_s": "m"}),
         (TANKS, "Hydraulic.Overflow", "second.port", {"k": "m3/(s.m)", "p_max": "m", "p_s": "m"}),
         (TANKS, "Hydraulic.LaminarLine", "line", {"G": "m3/(s.m)"}),
+        (AIR, "Hydraulic.LaminarGasLine", "line", {"b": "kg/(s.Pa2)"}),
     ],
 )
 def test_laws_of_flows_are_those_of_what_ports_carry(tmp_path, text, effect, place, units):
@@ -182,3 +185,40 @@ def test_leak_empties_a_vessel_of_gas(tmp_path):
     made = extend_model(file, "Air.Rig", law, find_site(flat, "second.port", law), values={"G": 1.2e-9})
     left = simulate(made.flat, (np.linspace(0.0, 100.0, 11), np.zeros((11, 1)))).outputs[:, 0]
     np.testing.assert_allclose(left, 4e5 * np.exp(-1.2e-9 / 6e-7 * np.linspace(0.0, 100.0, 11)), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("potential", "flow", "is_gas"),
+    [
+        ("Pa", "kg/s", True),
+        ("mbar", "mbar.l/s", True),
+        ("Pa", "m3/s", False),
+        ("bar", "l/min", False),
+        ("m", "m3/s", False),
+    ],
+)
+def test_a_law_of_a_gas_fits_where_masses_flow_and_not_where_volumes_do(tmp_path, potential, flow, is_gas):
+    text = re.sub(r"\bm\b", "q", AIR).replace("kg/s", flow).replace('"Pa"', f'"{potential}"')
+    file = tmp_path / "Air.mo"
+    file.write_text(text)
+    places = sites(compile_model(file, "Air.Rig"))
+    fitting = [
+        [site.name for site in places if fits(find_effect(f"Hydraulic.{law}"), site)]
+        for law in ("LaminarLine", "LaminarGasLine")
+    ]
+    assert fitting == [["line"], ["line"] if is_gas else []]
+
+
+def test_gas_flows_through_a_capillary_by_the_squares_of_the_pressures(tmp_path):
+    """Beside a line of conductance G, the sum S of the pressures of two vessels stays, and their difference
+    falls as exp(-2 (G + b S) t/k)."""
+    file = tmp_path / "Air.mo"
+    file.write_text(AIR.replace("first, second", "first(p(start = 6e5)), second(p(start = 2e5))"))
+    flat, law = compile_model(file, "Air.Rig"), find_effect("Hydraulic.LaminarGasLine")
+    site = find_site(flat, "line", law)
+    made = extend_model(file, "Air.Rig", law, site, values={"b": 1e-14}).flat
+    time = np.linspace(0.0, 60.0, 11)
+    expected = 4e5 - 2e5 * np.exp(-2 * (1.5e-8 + 1e-14 * 8e5) / 6e-7 * time)
+    for model in (made, attach(flat, law, site, values={"b": 1e-14})):
+        right = simulate(model, (time, np.zeros((11, 1)))).outputs[:, 0]
+        np.testing.assert_allclose(right, expected, rtol=1e-5)

@@ -108,6 +108,7 @@ OTHERS: dict[str, tuple[str, Law]] = {
         lambda v: v["k"] * v["dp"] / np.sqrt(v["p_1"] * np.hypot(v["dp"], v["p_s"])),
     ),
     "LaminarLine": ("q", lambda v: v["G"] * v["dp"]),
+    "LaminarGasLine": ("q", lambda v: v["b"] * (v["port_a.p"] ** 2 - v["port_b.p"] ** 2)),
     "ConstantFlow": ("q", lambda v: v["q_0"]),
     "Leak": ("q", lambda v: -v["G"] * v["p"]),
     "MeasuredFlow": ("q", lambda v: v["k"] * v["u"]),

@@ -265,3 +265,23 @@ def test_where_start_values_leave_out_a_constraint_the_start_of_the_simulation_i
     row = [equation.text for equation in found.equations].index("e = (a + b)/d")
     names = [x.name for x in found.unknowns]
     assert np.asarray(found.J)[row, names.index("d")] == pytest.approx(-1.0)  # -(a + b)/d^2 at 1, 0
+
+
+@pytest.mark.parametrize(
+    ("law", "at", "is_told"),
+    [
+        ("sign(a - b)*sqrt(abs(a - b))", None, True),
+        ("sign(a - b)*sqrt(abs(a - b))", {"a": 1.2}, False),
+        ("(a - b)*abs(a - b)", None, False),
+        ("(a - 1)*sqrt(abs(a - b))", None, False),  # the slope over b falls to zero along both
+    ],
+)
+def test_a_slope_that_is_infinite_at_the_start_values_is_told(law, at, is_told):
+    """Two tanks that start at one level seem to be apart: the slope of the root counts as zero."""
+    text = (
+        "model M\n  input Real u;\n  Real a(start = 1);\n  Real b(start = 1);\n  Real q;\nequation\n"
+        f"  q = {law};\n  der(a) = u - q;\n  der(b) = q - 0.1*b;\nend M;\n"
+    )
+    notes = [note for note in linearize(compiled_text(text), at=at).notes if "no finite slope" in note]
+    assert len(notes) == is_told
+    assert all("over a, b at the start values" in note for note in notes)

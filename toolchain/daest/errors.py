@@ -144,7 +144,8 @@ EXPLANATIONS: dict[str, str] = {
     "check-clock-duplicate": (
         "Two samples of a recording have the same time, so that nothing can be said about what happened "
         "between them. Recorders that write faster than their clock ticks do this. Remove one of them, or "
-        "number the rows."
+        "number the rows. A single row beside a step that leaves one out came late or early: it is taken in "
+        "the middle of that step."
     ),
     "check-clock-gap": (
         "Single samples are left out. Filters and identification take the times as they are; an input is "
@@ -385,7 +386,8 @@ EXPLANATIONS: dict[str, str] = {
         "empty cell."
     ),
     "data-time-duplicate": (
-        "Two rows have the same time. Remove one of them; rows of two recordings belong in two files."
+        "Two rows have the same time, and no step beside them leaves one out, or too many have. Remove one "
+        "of them; rows of two recordings belong in two files."
     ),
     "data-time-missing": "A row of the recording has no time. Every row needs one.",
     "data-time-not-increasing": (

@@ -12,6 +12,8 @@ import numpy as np
 
 from daest.data import FORMATS
 from daest.data.csv_file import ALL
+from daest.data.faults import unevenness
+from daest.data.limits import DATA
 from daest.data.prepare import Preparation, on_clock, prepare
 from daest.data.table import (
     Column,
@@ -218,7 +220,8 @@ def _matched(
     outputs_required: bool,
     time: str | None,
 ) -> Experiment:
-    time_in = find_time(table, time)
+    time_in, note = _in_their_gaps(find_time(table, time))
+    table = replace(table, notes=(*table.notes, note)) if note else table
     problems = _time_problems(table, time_in)
     matched: dict[str, Column] = {}
     match_all(table, inputs, outputs, matched, problems, outputs_required)
@@ -343,6 +346,36 @@ def _time_problems(table: Table, column: Column) -> list[DataError]:
     if not problems:
         problems += _order_problems(table, column)
     return problems
+
+
+def _in_their_gaps(column: Column) -> tuple[Column, str]:
+    """The time with rows that have the time of their neighbour put back into the gap beside it, and a note;
+    as it is, and no note, where one of them has no such gap, they are not rare, or the clock is uneven."""
+    time = column.values
+    if time.size <= DATA.clock_steps or not np.all(np.isfinite(time)):
+        return column, ""
+    steps = np.diff(time)
+    still = np.flatnonzero(steps == 0)
+    if not still.size or still.size > DATA.rare * time.size or np.any(steps < 0):
+        return column, ""
+    counts = steps / np.median(steps)
+    near = np.where(np.abs(counts - np.round(counts)) <= DATA.lost_samples, np.round(counts), 0)
+    placed = time.copy()
+    for i in still:
+        before, after = (near[j] if 0 <= j < near.size else 0 for j in (i - 1, i + 1))
+        if (before, after) not in ((2, 1), (1, 2)):
+            return column, ""
+        late = i if before == 2 else i + 1
+        placed[late] = 0.5 * (time[late - 1] + time[late + 1])
+    if unevenness(placed) > DATA.uneven_clock:
+        return column, ""
+    shown = ", ".join(f"{time[i]:.10g}" for i in still[:_TEXTS_SHOWN])
+    more = f" and {still.size - _TEXTS_SHOWN} more" if still.size > _TEXTS_SHOWN else ""
+    note = (
+        f"the time stands still at {shown}{more}, where a step beside it leaves out a row: that row is taken "
+        "in the middle of that step"
+    )
+    return replace(column, values=placed), note
 
 
 def _order_problems(table: Table, column: Column) -> list[DataError]:

@@ -55,8 +55,9 @@ from daest.modelica.places.sites import sites_left, unused_inputs
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.parallel import Workers, called, workers
 
-CURVE_TIMES = 20.0  # those of the fit of the model as it is, that a refit with a curve may take
-CURVE_SECONDS = 60.0  # and that it may take in any case
+LATE_TIMES = 20.0  # those of the fit of the model as it is, that a curve or other given values may take
+LATE_SECONDS = 60.0  # and that they may take in any case
+VALUES_LATE = " The time was up before it was known whether another given value says as much."
 TIME_UP = " The time was up before all of them were refitted."
 OPEN = ("external disturbance", "unknown effect", "cannot tell")
 
@@ -238,7 +239,7 @@ def _decided(
     if not is_curve or form is None or form.p_value >= GATES.missing_level or options.is_over:
         return evidence, decided, None
     progress(f"refitting with the load as a curve over {form.label}")
-    learned, longest = None, max(CURVE_SECONDS, CURVE_TIMES * stand.baseline.seconds)
+    learned, longest = None, max(LATE_SECONDS, LATE_TIMES * stand.baseline.seconds)
     with suppress(OutOfTimeError), until(time.monotonic() + longest):
         learned = _learned(stand, run, form)
     if learned is not None and learned.against:
@@ -302,17 +303,21 @@ def _with_values(
 ) -> tuple[Decided, str]:
     """What is decided beside the value that the model holds of which another one says most, and a sentence on
     one that comes near where no law was found; empty where none does."""
-    if decided.name in ("nothing missing", "parameters off") or options.is_over:
+    law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
+    if decided.name in ("nothing missing", "parameters off") or (options.is_over and law is None):
         return decided, ""
+    # No law is claimed before it is known whether another value says as much, though the time be up.
+    longest = 0.0 if law is None else max(LATE_SECONDS, LATE_TIMES * stand.baseline.seconds)
     progress("estimating what the model holds")
     # Dead reckoning tells two models of one equation alike, and else which of two comes near.
     adds_up = stand.reference is not None and stand.reference.adds_up
-    other = None
-    with suppress(OutOfTimeError), until(options.until):
-        other = values()
+    try:
+        with until(max(options.until, time.monotonic() + longest)):
+            other = values()
+    except OutOfTimeError:
+        return decided, "" if law is None else VALUES_LATE
     if other is None:
         return decided, ""
-    law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
     if law is None:
         if other.says_much and other.is_all:
             return _by_value_alone(decided, other), ""

@@ -7,12 +7,14 @@ it are taken out again. Where the time is up, the best model so far is the resul
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from daest.diagnosis.answers.held_values import in_project
 from daest.diagnosis.answers.told_beside import held_told, limit_told
 from daest.diagnosis.built_in.certainty import certainty_of
 from daest.diagnosis.built_in.settled import FAILURES
@@ -58,6 +60,7 @@ MOST_SIMPLER = 2  # simpler laws that are tried in place of one
 MOST_PATHS = 2  # hypotheses that are pursued side by side
 MOST_TAKEN_UP = 2  # of those that were put aside, after an end with something missing
 OUT_OF_TIME = "The time was up"
+_GIVEN_VALUE = re.compile(r"another value of `([^`]+)`")  # in what a law is not separable from
 
 
 @dataclass(frozen=True)
@@ -246,8 +249,21 @@ def _improved_switching(task: _Rounds, most_effects: int) -> Improvement:
 
 def _told(path: _Path) -> Improvement:
     assert path.last is not None
-    reason = f"{path.reason} {held_told(path.stand)}".rstrip()
+    reason = f"{path.reason} {_beside_values(path)} {held_told(path.stand)}".rstrip()
     return Improvement(path.steps, path.last, reason, path.stand.null.recorded_hold)
+
+
+def _beside_values(path: _Path) -> str:
+    """What is to be done about effects beside which another given value says as much; empty without any."""
+    names: dict[str, str] = {}
+    for step in path.steps:
+        answers = () if step.proof is None else step.proof.not_separable_from
+        names |= {name: _label(step) for one in answers for name in _GIVEN_VALUE.findall(one)}
+    return " ".join(
+        f"{label} may stand for another value of `{name}`: before it is believed, estimate that, too "
+        f"({in_project(name)}), and repeat this."
+        for name, label in names.items()
+    )
 
 
 def _late(task: _Task, path: _Path, before: str) -> _Path:

@@ -102,7 +102,8 @@ class Effect:
     way. `is_of_store`: it changes a store that the model has,
     and is nothing where there is none. `most_turns`: of a body that it may hold; no spring is wound by one
     that turns on and on. None where it acts at any angle. `is_of_driving`: its further signal is an input
-    that drives the model, and no recorded signal that does nothing there.
+    that drives the model, and no recorded signal that does nothing there. `is_of_gas`: it is tried where
+    what flows may be a gas.
     """
 
     name: str
@@ -124,6 +125,7 @@ class Effect:
     is_of_store: bool = False
     most_turns: float | None = None
     is_of_driving: bool = False
+    is_of_gas: bool = False
     documentation: str = ""
     libraries: tuple[str, ...] = ()  # folders besides the bundled library that the class was read from
 
@@ -169,6 +171,7 @@ class Site:
     those of the model's parameters.
     `is_grounded`: the potential of its end a is constant, so that nothing drives a flow there, or that of b
     is, by a component of one connector. `limits_only`: of a signal, no law makes sense but one that cuts it.
+    `carries_gas`: what flows from one end to the other may be a gas.
     """
 
     name: str
@@ -179,6 +182,7 @@ class Site:
     parameters: tuple[tuple[str, str], ...] = ()
     is_grounded: bool = False
     limits_only: bool = False
+    carries_gas: bool = False
     parts: tuple[Site, ...] = ()
 
     @property

@@ -48,7 +48,7 @@ class OtherValue:
     @property
     def remedy(self) -> str:
         """How the other value is taken."""
-        return f"estimate it (--estimate {self.parameter.name})"
+        return f"estimate it, too ({in_project(self.parameter.name)})"
 
     @property
     def advice(self) -> str:
@@ -57,8 +57,11 @@ class OtherValue:
 
     @property
     def settled_by(self) -> str:
-        """The measurement that tells it from an effect."""
-        return f"Measure `{self.parameter.name}` by itself, which settles it."
+        """What tells it from an effect."""
+        return (
+            "Estimate it, too, and diagnose again: what is missing besides shows then. A measurement of "
+            f"`{self.parameter.name}` by itself settles it."
+        )
 
     def says_as_much_as(
         self, law: Proof, baseline: FitResult, null: Null, law_ratios: Sequence[float]
@@ -98,6 +101,16 @@ class OtherValue:
         told = f"`{self.parameter.name}`, {told_number(self.parameter)} instead of the {held} that is given"
         others = " or ".join(f"`{name}`" for name in self.alike)
         return f"{told} (or of {others}, which the sensors see alike)" if others else told
+
+
+def in_project(name: str) -> str:
+    """How a parameter is estimated besides those that are: on the command line it would be alone.
+
+    >>> in_project("spring.c")
+    '`"spring.c" = { estimate = true }` under [parameters] of daest.toml'
+    """
+    key = f'"{name}"' if "." in name or "[" in name else name
+    return f"`{key} = {{ estimate = true }}` under [parameters] of daest.toml"
 
 
 def _beside_loads(law: Proof, baseline: FitResult, null: Null) -> float:

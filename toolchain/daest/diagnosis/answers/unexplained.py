@@ -7,7 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.diagnosis.answers.decided import WIDER_BAND, Decided, Evidence, foreseen_by, listed, reasons_told
+from daest.diagnosis.answers.decided import (
+    WIDER_BAND,
+    Decided,
+    Evidence,
+    error_ratio,
+    foreseen_by,
+    listed,
+    reasons_told,
+)
 from daest.diagnosis.answers.told_laws import errors_told, importance_told
 from daest.diagnosis.evidence.load_starts import LoadStart, takes_over
 from daest.diagnosis.evidence.noise_level import simulates_to_noise
@@ -81,13 +89,7 @@ def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
     if form is not None and loads.is_related:
         return _no_law(evidence, loads, form) if loads.against_form else _unknown(evidence, loads, form)
     if _is_coloured(loads):
-        return Decided(
-            "unknown effect",
-            "Something dynamic is missing: the prediction errors stay correlated in time although loads "
-            f"were admitted at {_load_places(loads)}, and no effect of the library explains them.",
-            WIDER_BAND,
-            is_by_colour=True,
-        )
+        return _dynamic(evidence, loads)
     near = [p for p in evidence.proofs if p.delta_bic > GATES.min_told_bic_gain]
     if evidence.screen.p_value < GATES.missing_level and near:
         return _not_proven(evidence, near)
@@ -176,6 +178,21 @@ def _comes_near(evidence: Evidence, near: Proof) -> Decided:
         WIDER_BAND,
         is_dynamic=True,
     )
+
+
+def _dynamic(evidence: Evidence, loads: Loads) -> Decided:
+    """Errors that stay correlated in time. The nearest law is one that a simulation of unseen data does not
+    speak against: beside loads, anything that lasts gains likelihood."""
+    most = 1.0 + GATES.max_simulated_loss
+    near = next((p for p in evidence.proofs if _may_be_near(p) and error_ratio(evidence, p) <= most), None)
+    text = (
+        "Something dynamic is missing: the prediction errors stay correlated in time although loads were "
+        f"admitted at {_load_places(loads)}, and no effect of the library explains them."
+    )
+    if near is not None:
+        text += f" {near.candidate.label} comes nearest ({told_values(near)}), but {near.reason}."
+        text += errors_told(evidence, near)
+    return Decided("unknown effect", text + foreseen_by(evidence, near), WIDER_BAND, is_by_colour=True)
 
 
 def _any_dynamics(evidence: Evidence, short: Sequence[Proof]) -> Decided:

@@ -61,6 +61,7 @@ _KEYS = (
     "of_store",
     "turns",
     "driving",
+    "of_gas",
 )
 _DOCUMENTATION = re.compile(r'Documentation\s*\(\s*info\s*=\s*"((?:[^"\\]|\\.)*)"', re.DOTALL)
 _TAG = re.compile(r"<[^>]*>")
@@ -561,6 +562,7 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
         is_of_store=source.annotation.flag("of_store", False),
         most_turns=source.entry("turns"),
         is_of_driving=source.annotation.flag("driving", False),
+        is_of_gas=source.annotation.flag("of_gas", False),
         documentation=source.documentation,
         libraries=libraries,
     )

@@ -119,16 +119,27 @@ def _of_mass(unit: str) -> str:
 
 def _of_other_flow(unit: str, flow: str) -> str:
     """The unit of a law of volume flows where something else flows, in `flow`; empty where that is not a
-    flow, or one over a pressure.
+    flow, or one over a power of a pressure.
 
-    >>> _of_other_flow("m3/(s.Pa)", "mbar.l/s"), _of_other_flow("Pa.s2/m6", "mbar.l/s")
-    ('mbar.l/(s.Pa)', '')
+    >>> _of_other_flow("m3/(s.Pa2)", "mbar.l/s"), _of_other_flow("Pa.s2/m6", "mbar.l/s")
+    ('mbar.l/(s.Pa2)', '')
     """
     if "m3" not in unit and "m6" not in unit:
         return unit
     if not is_known_unit(flow):
         return ""
-    return {"m3/s": flow, "m3/(s.Pa)": over_power(flow, "Pa", 1)}.get(unit, "")
+    power = {"m3/s": 0, "m3/(s.Pa)": 1, "m3/(s.Pa2)": 2}.get(unit)
+    return "" if power is None else over_power(flow, "Pa", power)
+
+
+def carries_gas(flat: FlatModel, site: Site) -> bool:
+    """Whether what flows between the connectors of a site may be a gas: mass, or pressure times volume.
+    Where volumes balance, or the pressure is a level, it is a liquid."""
+    if site.domain != "hydraulic":
+        return False
+    of_potential, of_flow = _units_of_connector(flat, site)
+    is_volume = not is_known_unit(of_flow) or is_of(of_flow, FLOWS["hydraulic"])
+    return not is_volume and not is_length(of_potential)
 
 
 def flow_unit(flat: FlatModel, site: Site) -> str:

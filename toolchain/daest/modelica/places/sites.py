@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 
@@ -22,7 +22,7 @@ from daest.modelica.places.equal_places import equal_places
 from daest.modelica.places.inner_signals import inner_signals, is_lag
 from daest.modelica.places.internal_forces import internal_forces
 from daest.modelica.places.meshes import meshes
-from daest.modelica.places.place_units import balances_flows
+from daest.modelica.places.place_units import balances_flows, carries_gas
 from daest.modelica.places.terminals import terminals
 from daest.near import did_you_mean
 from daest.quantities import in_base_units, is_of
@@ -278,7 +278,7 @@ def fits(effect: Effect, site: Site) -> bool:
         return is_stateless and all(fits(effect, part) for part in site.parts)
     if site.kind in _SIGNALS:
         return effect.attach in _SIGNALS[site.kind] and (effect.is_limit or not site.limits_only)
-    if effect.domain != site.domain:
+    if effect.domain != site.domain or (effect.is_of_gas and not site.carries_gas):
         return False
     if site.kind in ("node", "equation"):
         return effect.attach == "connector"
@@ -484,7 +484,8 @@ class Network:
                 aliases = (f"{a.name}, {b.name}",) if len(pairs) == 1 else ()
                 own = self._parameters(component)
                 ends = (a.name, b.name)
-                found.append(Site(name, "component", a.domain, ends, aliases, own, self.is_grounded(*ends)))
+                site = Site(name, "component", a.domain, ends, aliases, own, self.is_grounded(*ends))
+                found.append(replace(site, carries_gas=carries_gas(self.flat, site)))
         return found
 
     def _parameters(self, component: str) -> tuple[tuple[str, str], ...]:
@@ -661,5 +662,6 @@ def _pairs(net: Network) -> list[Site]:
         if a.domain == b.domain and ends not in joined and not {a.name, b.name} <= net.held:
             pair = (a.name, b.name)
             grounded = net.is_grounded(*pair)
-            found.append(Site(", ".join(pair), "pair", a.domain, pair, is_grounded=grounded))
+            site = Site(", ".join(pair), "pair", a.domain, pair, is_grounded=grounded)
+            found.append(replace(site, carries_gas=carries_gas(net.flat, site)))
     return found

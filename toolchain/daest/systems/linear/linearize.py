@@ -21,6 +21,9 @@ DENSE_LIMIT = 500
 MATRIX_NAMES = ("E", "J", "K", "B", "C", "D", "H", "offset", "output_offset")
 
 
+BESIDE = (1e-4, 1e-6)
+"""Relative distances from an operating point, over which a slope that is infinite there grows."""
+
 STEPS = frozenset(
     getattr(ca, f"OP_{name}") for name in ("SIGN", "COPYSIGN", "FLOOR", "CEIL", "LT", "LE", "EQ", "NE")
 )
@@ -112,7 +115,7 @@ def _of_equations(
         offset=offset.toarray().ravel(),
         output_offset=output_offset.toarray().ravel(),
         is_affine=is_affine,
-        notes=_notes(flat, is_affine, point),
+        notes=(*_notes(flat, is_affine, point), *(() if is_affine else _lost_slopes(flat, values, point))),
         family=family,
     )
 
@@ -415,6 +418,36 @@ def _notes(flat: FlatModel, is_affine: bool, point: OperatingPoint) -> tuple[str
             "(`time` of the operating point, --at)."
         )
     return tuple(notes)
+
+
+def _lost_slopes(flat: FlatModel, values: np.ndarray, point: OperatingPoint) -> tuple[str, ...]:
+    """A note on each equation and output with a slope that is infinite at the operating point and counts as
+    zero, as that of sign(x)*sqrt(abs(x)) does at zero, where CasADi multiplies an infinite slope by zero."""
+    laws = ca.vertcat(flat.residual, flat.output_expressions)
+    symbols = ca.vertcat(flat.derivatives, flat.xi, flat.u)
+    rest = ca.vertcat(flat.w, flat.theta, flat.time)
+    here = np.concatenate([point.derivatives, point.xi, point.u])
+    others = np.concatenate([np.zeros(len(flat.noises)), values, [point.time]])
+    # In numbers zero times infinity is undefined. One direction in which nothing cancels finds most models
+    # to have nothing of the kind.
+    direction = np.linspace(1.0, 2.0, here.size)
+    along = ca.Function("along", [symbols, rest], [ca.jtimes(laws, symbols, ca.SX(direction))])
+    rows = np.flatnonzero(np.isnan(along(here, others).full().ravel())).tolist()
+    if not rows:
+        return ()
+    slopes = ca.Function("slopes", [symbols, rest], [ca.jacobian(laws[rows], symbols)])
+    step = direction * np.where(here == 0.0, 1.0, np.abs(here))
+    near, nearer = (np.abs(slopes(here + share * step, others).full()) for share in BESIDE)
+    lost = np.isnan(slopes(here, others).full()) & (nearer > near)
+    names = (*(f"der({v.name})" for v in flat.unknowns), *(v.name for v in (*flat.unknowns, *flat.inputs)))
+    texts = [*(one.text for one in flat.equations), *(y.name for y in flat.outputs)]
+    where = "operating point" if point.is_given else "start values"
+    return tuple(
+        f"`{texts[row]}` has no finite slope over {', '.join(names[i] for i in np.flatnonzero(over))} at the "
+        f"{where}, and counts as if it did not depend on it: give a point beside it (--at)."
+        for row, over in zip(rows, lost, strict=True)
+        if over.any()
+    )
 
 
 @singledispatch
