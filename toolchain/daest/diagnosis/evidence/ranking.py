@@ -510,7 +510,11 @@ def _is_torn(refused: Proof, best: Proof) -> bool:
 
 
 def _is_confirmed_more(refused: Proof, best: Proof) -> bool:
-    """Whether a law makes unseen data clearly likelier, and likelier than the best one does."""
+    """Whether a law makes unseen data clearly likelier, and likelier than the best one does. Of a best law that
+    its simulation shows nobody knows how likely it makes their predictions: one that simulates unseen data
+    clearly worse is not confirmed more than it."""
+    if best.is_by_use and _unseen_ratio(refused, best) < GATES.max_rival_error:
+        return False
     is_clear = refused.confirmed.certainty > GATES.likelier_significance
     return is_clear and refused.confirmed.gain > best.confirmed.gain
 
