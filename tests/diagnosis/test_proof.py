@@ -650,7 +650,7 @@ def test_law_that_its_simulation_shows_is_held_against_a_refused_one_beside_the_
 
 def test_law_that_its_simulation_shows_is_not_confirmed_less_than_one_that_simulates_worse():
     """Friction of two carts, shown by their simulation, of which no predictions are known, and a part on a
-    spring that foresees unseen speeds worse, makes them likelier, and simulates them no better than nothing."""
+    spring that foresees unseen speeds worse, makes them likelier, and simulates them worse."""
     _, proof = proved()
     seen = proof.told.simulated["validation"]
 
