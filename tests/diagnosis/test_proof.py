@@ -648,6 +648,41 @@ def test_law_that_its_simulation_shows_is_held_against_a_refused_one_beside_the_
     assert ranked([shown, strong])[0].verdict == "rejected"
 
 
+def test_law_that_its_simulation_shows_is_not_confirmed_less_than_one_that_simulates_worse():
+    """Friction of two carts, shown by their simulation, of which no predictions are known, and a part on a
+    spring that foresees unseen speeds worse, makes them likelier, and simulates them worse."""
+    _, proof = proved()
+    seen = proof.told.simulated["validation"]
+
+    gain = 2.0 * proof.delta_log_likelihood
+
+    def simulating(times):
+        rms = {name: times * value for name, value in seen.rms.items()}
+        likelier = proof.fit.log_likelihood + gain
+        return replace(proof.told, log_likelihood=likelier, simulated={"validation": replace(seen, rms=rms)})
+
+    used = InUse(fitted=0.35, unseen=0.58, n_independent=33.0, n_unseen=23.0, certainty=2.6)
+    shown = replace(proof, in_use=used, is_by_use=True, delta_bic=22.0, delta_log_likelihood=used.gain)
+    shown = replace(shown, adds_up=False, ahead=())
+    part = replace(
+        proof,
+        verdict="rejected",
+        reason="unseen data are foreseen 1.09 times worse over 0.03 s",
+        fit=simulating(1.5),
+        final=simulating(1.5),
+        delta_log_likelihood=proof.delta_log_likelihood + gain,
+        adds_up=False,
+        ahead=(Ahead(1, 0.001, 1.02, -4.0), Ahead(30, 0.03, 1.09, -2.6)),
+        confirmed=Confirmed(151.0, 4.2),
+    )
+    assert ranked([shown, part])[0].verdict == "supported"
+    # It is in the way where it simulates them as well, or where the predictions of both are known.
+    as_good = replace(part, fit=simulating(1.0), final=simulating(1.0))
+    assert ranked([shown, as_good])[0].verdict == "rejected"
+    beside_loads = replace(shown, is_by_use=False, delta_log_likelihood=proof.delta_log_likelihood)
+    assert ranked([beside_loads, part])[0].verdict == "rejected"
+
+
 def test_law_that_a_simulation_alone_shows_is_none_where_another_is_better_in_both():
     """A bend of the sensor beside friction and a spring: each spring is likelier, and simulates better."""
     _, proof = proved()

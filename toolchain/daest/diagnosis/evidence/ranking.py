@@ -511,7 +511,11 @@ def _is_torn(refused: Proof, best: Proof) -> bool:
 
 
 def _is_confirmed_more(refused: Proof, best: Proof) -> bool:
-    """Whether a law makes unseen data clearly likelier, and likelier than the best one does."""
+    """Whether a law makes unseen data clearly likelier, and likelier than the best one does. How likely a
+    best law makes their predictions is not known where its simulation shows it: one that simulates unseen
+    data clearly worse is not confirmed more than that."""
+    if best.is_by_use and _unseen_ratio(refused, best) < GATES.max_rival_error:
+        return False
     is_clear = refused.confirmed.certainty > GATES.likelier_significance
     return is_clear and refused.confirmed.gain > best.confirmed.gain
 
