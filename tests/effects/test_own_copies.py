@@ -104,6 +104,25 @@ def test_what_a_base_class_of_a_library_uses_stays(row) -> None:
     assert caught.value.code == "effect-not-writable"
 
 
+def test_a_short_class_is_not_copied(row, tmp_path) -> None:
+    """What it gives its parameters would be lost."""
+    _, libraries, _ = row
+    file = tmp_path / "Row.mo"
+    file.write_text("""\
+model Row
+  model Wide = Plant.Parts.Tank(k = 0.7);
+  input Real u; output Real y = tank.h; Wide tank(q = u);
+end Row;
+""")
+    flat = compile_model(file, libraries=(libraries,))
+    effect = find_effect("General.DependentParameter")
+    with pytest.raises(ModelError, match="of a short class") as caught:
+        extend_model(
+            file, None, effect, find_site(flat, "tank.k", effect), inputs={"z": "u"}, libraries=(libraries,)
+        )
+    assert caught.value.code == "effect-not-writable"
+
+
 def test_components_of_the_bundled_library(tmp_path: Path) -> None:
     parts = "Daest.Mechanics.Rotational"
     (tmp_path / "Motor.mo").write_text(f"""\

@@ -55,6 +55,8 @@ def _with_copy(
     declared, kind = _declaration(class_name, component, classes)
     if kind.name in own:
         return source
+    if classes.resolved(declared.type_name, declared.scope) != kind.name:
+        raise NotOpened("belongs to a component of a short class, whose values a copy would lose")
     text = _read(kind.file, entries)
     if declared.scope not in own or text is None:
         raise NotOpened(_NOT_FOUND)
