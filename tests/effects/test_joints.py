@@ -222,3 +222,13 @@ def test_gas_flows_through_a_capillary_by_the_squares_of_the_pressures(tmp_path)
     for model in (made, attach(flat, law, site, values={"b": 1e-14})):
         right = simulate(model, (time, np.zeros((11, 1)))).outputs[:, 0]
         np.testing.assert_allclose(right, expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("text", "is_gas"), [(AIR, True), (TANKS, False)])
+def test_a_pair_that_is_named_and_not_listed_may_carry_a_gas_as_well(tmp_path, text, is_gas):
+    file, ends = tmp_path / "Rig.mo", "feed.port, second.port" if is_gas else "first.port, line.b"
+    file.write_text(text)
+    flat, law = compile_model(file, "Air.Rig" if is_gas else "Tanks.Rig"), "Hydraulic.LaminarGasLine"
+    assert ends not in [site.name for site in sites(flat)]
+    named = find_site(flat, ends, find_effect("Hydraulic.LaminarLine"))
+    assert named.kind == "pair" and fits(find_effect(law), named) == is_gas

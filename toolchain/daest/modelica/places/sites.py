@@ -118,8 +118,7 @@ def _physical(flat: FlatModel) -> tuple[Site, ...]:
     net = Network(flat)
     return (
         *net.nodes(),
-        *net.components(),
-        *_pairs(net),
+        *_with_gases(flat, [*net.components(), *_pairs(net)]),
         *net.cuts(),
         *_equations(flat),
         *_exchanges(flat),
@@ -373,7 +372,13 @@ def _pair_named(flat: FlatModel, name: str) -> list[Site]:
     if len(ends) != 2 or any(end not in connectors for end in ends):
         return []
     a, b = (connectors[end] for end in ends)
-    return [Site(name, "pair", a.domain, (a.name, b.name))] if a.domain == b.domain else []
+    found = [Site(name, "pair", a.domain, (a.name, b.name))] if a.domain == b.domain else []
+    return _with_gases(flat, found)
+
+
+def _with_gases(flat: FlatModel, lines: Sequence[Site]) -> list[Site]:
+    """The `lines` between connectors, with what is known of those that may carry a gas."""
+    return [replace(line, carries_gas=carries_gas(flat, line)) for line in lines]
 
 
 def _unknown(name: str, known: Sequence[Site], effect: Effect | None) -> ModelError:
@@ -484,8 +489,7 @@ class Network:
                 aliases = (f"{a.name}, {b.name}",) if len(pairs) == 1 else ()
                 own = self._parameters(component)
                 ends = (a.name, b.name)
-                site = Site(name, "component", a.domain, ends, aliases, own, self.is_grounded(*ends))
-                found.append(replace(site, carries_gas=carries_gas(self.flat, site)))
+                found.append(Site(name, "component", a.domain, ends, aliases, own, self.is_grounded(*ends)))
         return found
 
     def _parameters(self, component: str) -> tuple[tuple[str, str], ...]:
@@ -662,6 +666,5 @@ def _pairs(net: Network) -> list[Site]:
         if a.domain == b.domain and ends not in joined and not {a.name, b.name} <= net.held:
             pair = (a.name, b.name)
             grounded = net.is_grounded(*pair)
-            site = Site(", ".join(pair), "pair", a.domain, pair, is_grounded=grounded)
-            found.append(replace(site, carries_gas=carries_gas(net.flat, site)))
+            found.append(Site(", ".join(pair), "pair", a.domain, pair, is_grounded=grounded))
     return found
