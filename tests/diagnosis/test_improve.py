@@ -102,7 +102,12 @@ def test_both_of_two_effects_that_are_not_separable_are_pursued(rounds, end, mor
 
 def test_an_effect_that_may_stand_for_a_given_value_is_told_with_what_to_do(rounds):
     answer = "another value of `B`, 12 ± 0.05 instead of the 10 that is given"
-    law = replace(proof_of("CoulombFriction"), verdict="not separable", not_separable_from=(answer,))
+    law = replace(
+        proof_of("CoulombFriction"),
+        verdict="not separable",
+        not_separable_from=(answer,),
+        given_values=("B",),
+    )
     result, _ = rounds(lambda inside: found([], "unknown effect") if inside else found([law]))
     assert result.reason == (
         "said CoulombFriction at rotor.flange_a may stand for another value of `B`: before it is believed, "

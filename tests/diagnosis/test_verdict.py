@@ -116,6 +116,7 @@ def test_law_is_no_claim_beside_a_given_value_of_which_another_says_as_much():
     assert "phi 1 -> 0.1" in found.message
     first, second = found.proofs
     assert first.verdict == "not separable" and first.not_separable_from == (f"another value of {value}",)
+    assert first.given_values == ("J",)
     assert second is known.proofs[1]
 
 

@@ -51,9 +51,7 @@ def command(
     _refuse_existing(file)
     model, data = model_source(Project(Path()), files.model), files.data
     source = model_options.load(Project(Path()), model)
-    flat, proposed = _chosen(
-        source, parameters, _given_to_components(model, source), _records_of_its_own(model, source)
-    )
+    flat, proposed = _chosen(source, parameters, model.read_bytes() if model.suffix == ".mo" else b"")
     tables = [read_table(path) for path in data]
     inputs = [Signal(v.name, v.unit) for v in flat.inputs]
     outputs = [Signal(y.name, y.unit) for y in flat.outputs]
@@ -107,39 +105,24 @@ def _refuse_existing(file: Path) -> None:
         )
 
 
-def _given_to_components(path: Path, source: Model) -> frozenset[str]:
-    """Parameters of components that the text of the model sets; none of an FMU."""
-    from daest.modelica.forms.modifications import modified_names
-
-    return modified_names(path.read_bytes(), source.name) if path.suffix == ".mo" else frozenset()
-
-
-def _records_of_its_own(path: Path, source: Model) -> frozenset[str]:
-    """Records that the text of the model declares; none of an FMU."""
-    from daest.modelica.forms.modifications import declared_records
-
-    return declared_records(path.read_bytes(), source.name) if path.suffix == ".mo" else frozenset()
-
-
-def _chosen(
-    source: Model, parameters: ParameterOptions, given: frozenset[str], records: frozenset[str]
-) -> tuple[Model, tuple[str, ...]]:
+def _chosen(source: Model, parameters: ParameterOptions, text: bytes) -> tuple[Model, tuple[str, ...]]:
     """The model with the parameters that the command line chooses, and which of the estimated ones are a
-    proposal."""
+    proposal, by the `text` of its file; empty for an FMU."""
     from daest.modelica.change import declare
 
-    proposed = () if parameters.estimate else _proposed(source, given, records)
+    proposed = () if parameters.estimate else _proposed(source, text)
     flat = parameters.applied(declare(source, estimate=proposed) if proposed else source)
     return flat, tuple(p.name for p in flat.parameters if p.estimate and p.name in proposed)
 
 
-def _proposed(flat: Model, given: frozenset[str], records: frozenset[str]) -> tuple[str, ...]:
+def _proposed(flat: Model, text: bytes) -> tuple[str, ...]:
     """What to estimate where the model marks nothing: the parameters that it declares itself (no part of a
-    component) and the fields of its `records`, or else those `given` to its components, with a unit and a
-    value other than zero. What is zero is the place of something, and a number without a unit is a ratio that
-    somebody chose, unless no parameter has one; what stands in no equation is a start, say, and starts are
-    free. Of those that the equations know only together, the first are proposed."""
+    component) and the fields of its records, or else those that its `text` gives to its components, with a
+    unit and a value other than zero. What is zero is the place of something, and a number without a unit is a
+    ratio that somebody chose, unless no parameter has one; what stands in no equation is a start, say, and
+    starts are free. Of those that the equations know only together, the first are proposed."""
     from daest.model.flat import FlatModel
+    from daest.modelica.forms.modifications import declared_records, modified_names
     from daest.modelica.places.sites import used_parameters
 
     if any(parameter.estimate for parameter in flat.parameters):
@@ -156,6 +139,7 @@ def _proposed(flat: Model, given: frozenset[str], records: frozenset[str]) -> tu
         if p.value != 0.0 and not p.is_memory and p.name in (used & told) - noises
     ]
     own = tuple(name for name in may_be if "." not in name)
+    records, given = declared_records(text, flat.name), modified_names(text, flat.name)
     own += tuple(name for name in may_be if "." in name and name.partition(".")[0] in records)
     return _told_apart(flat, own or tuple(name for name in may_be if name in given))
 

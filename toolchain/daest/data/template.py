@@ -83,7 +83,7 @@ def _data(draft: Draft) -> Iterator[str]:
     if draft.units:
         yield "\n[data.units]  # column = unit, from its name: please check"
         for column, unit in draft.units.items():
-            yield f"{_key(column)} = {_text(unit)}"
+            yield f"{toml_key(column)} = {_text(unit)}"
 
 
 def _kept_back_by_name(files: Sequence[str]) -> list[str]:
@@ -100,11 +100,11 @@ def _mapping(kind: str, matches: Sequence[Match]) -> Iterator[str]:
     for match in matches:
         unit = f"[{match.signal.unit}]" if match.signal.unit else ""
         if match.column is None:
-            yield f'# {_key(match.signal.name)} = "?"  {f"# {unit}" if unit else ""}'.rstrip()
+            yield f'# {toml_key(match.signal.name)} = "?"  {f"# {unit}" if unit else ""}'.rstrip()
         else:
             doubt = "" if match.how == "name" else f" matched by {match.how}: please check"
             remark = f"{unit}{doubt}".strip()
-            yield f"{_key(match.signal.name)} = {_text(match.column)}{f'  # {remark}' if remark else ''}"
+            yield f"{toml_key(match.signal.name)} = {_text(match.column)}{f'  # {remark}' if remark else ''}"
 
 
 def _parameters(draft: Draft) -> Iterator[str]:
@@ -115,7 +115,7 @@ def _parameters(draft: Draft) -> Iterator[str]:
     for parameter in (p for p in draft.flat.parameters if not p.is_memory):
         shown = "" if parameter.estimate or parameter.name in draft.chosen else "# "
         remark = _remark(parameter.unit, parameter.description)
-        yield f"{shown}{_key(parameter.name)} = {_setting(parameter)}{remark}"
+        yield f"{shown}{toml_key(parameter.name)} = {_setting(parameter)}{remark}"
 
 
 def _setting(parameter: Parameter) -> str:
@@ -136,17 +136,18 @@ def _noise(flat: Model) -> Iterator[str]:
     yield "\n[noise.process]  # white noise: intensity = two-sided density, unit^2 s"
     for noise in flat.noises:
         if noise.intensity is None:
-            yield f"# {_key(noise.name)} = {{ intensity = 1e-6, estimate = true }}{_remark(noise.unit, '')}"
+            key = toml_key(noise.name)
+            yield f"# {key} = {{ intensity = 1e-6, estimate = true }}{_remark(noise.unit, '')}"
         else:
             body = f"intensity = {noise.intensity:.12g}, estimate = {str(noise.estimate).lower()}"
-            yield f"{_key(noise.name)} = {{ {body} }}{_remark(noise.unit, noise.description)}"
+            yield f"{toml_key(noise.name)} = {{ {body} }}{_remark(noise.unit, noise.description)}"
     if not flat.noises:
         yield '# "component.flange.tau" = { intensity = 1e-6, estimate = true }'
     yield "\n[noise.measurement]  # std of one sample"
     for output in flat.outputs:
         std = "" if output.noise_std is None else f"std = {output.noise_std:.12g}, "
         estimate = f"estimate = {str(output.estimate_noise).lower()}"
-        yield f"{_key(output.name)} = {{ {std}{estimate} }}{_remark(output.unit, '')}"
+        yield f"{toml_key(output.name)} = {{ {std}{estimate} }}{_remark(output.unit, '')}"
 
 
 def _remark(unit: str, description: str) -> str:
@@ -154,7 +155,12 @@ def _remark(unit: str, description: str) -> str:
     return f"  # {words}" if words else ""
 
 
-def _key(name: str) -> str:
+def toml_key(name: str) -> str:
+    """A name as a key of TOML: in quotes where it is no plain word.
+
+    >>> toml_key("c"), toml_key("spring.c")
+    ('c', '"spring.c"')
+    """
     return name if name.isidentifier() and name.isascii() else _text(name)
 
 

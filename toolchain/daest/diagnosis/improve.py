@@ -7,7 +7,6 @@ it are taken out again. Where the time is up, the best model so far is the resul
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -60,7 +59,6 @@ MOST_SIMPLER = 2  # simpler laws that are tried in place of one
 MOST_PATHS = 2  # hypotheses that are pursued side by side
 MOST_TAKEN_UP = 2  # of those that were put aside, after an end with something missing
 OUT_OF_TIME = "The time was up"
-_GIVEN_VALUE = re.compile(r"another value of `([^`]+)`")  # in what a law is not separable from
 
 
 @dataclass(frozen=True)
@@ -255,10 +253,12 @@ def _told(path: _Path) -> Improvement:
 
 def _beside_values(path: _Path) -> str:
     """What is to be done about effects beside which another given value says as much; empty without any."""
-    names: dict[str, str] = {}
-    for step in path.steps:
-        answers = () if step.proof is None else step.proof.not_separable_from
-        names |= {name: _label(step) for one in answers for name in _GIVEN_VALUE.findall(one)}
+    names = {
+        name: _label(step)
+        for step in path.steps
+        if step.proof is not None
+        for name in step.proof.given_values
+    }
     return " ".join(
         f"{label} may stand for another value of `{name}`: before it is believed, estimate that, too "
         f"({in_project(name)}), and repeat this."

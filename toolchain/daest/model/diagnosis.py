@@ -344,6 +344,7 @@ class Proof:
     inside: str = ""  # of a sensor: what in the machine is the same equation on these recordings
     steady_error: float | None = None
     stands_for: tuple[str, ...] = ()  # rejected, since these laws beside each other, its parts, say more
+    given_values: tuple[str, ...] = ()  # parameters of which another value than the given one says as much
 
     @property
     def sizes(self) -> tuple[float, ...]:

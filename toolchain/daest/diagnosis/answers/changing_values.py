@@ -38,6 +38,10 @@ class ChangingValue(OtherValue):
         return f"a change of {which} with time, by {self.percent:.3g} ± {self.error:.2g} % over the recording"
 
     @property
+    def given(self) -> tuple[str, ...]:
+        return ()  # no value of it would say as much
+
+    @property
     def advice(self) -> str:
         return f"see whether `{self.name}` can change before an effect is believed"
 

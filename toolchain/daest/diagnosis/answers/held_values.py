@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
+from daest.data.template import toml_key
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.evidence.noise_level import is_at_noise
 from daest.diagnosis.evidence.proof import bic_gain
@@ -44,6 +45,11 @@ class OtherValue:
     def answer(self) -> str:
         """What it is, and what it was."""
         return f"another value of {self.text}"
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The parameter, which a user gives a value."""
+        return (self.parameter.name,)
 
     @property
     def remedy(self) -> str:
@@ -109,8 +115,7 @@ def in_project(name: str) -> str:
     >>> in_project("spring.c")
     '`"spring.c" = { estimate = true }` under [parameters] of daest.toml'
     """
-    key = f'"{name}"' if "." in name or "[" in name else name
-    return f"`{key} = {{ estimate = true }}` under [parameters] of daest.toml"
+    return f"`{toml_key(name)} = {{ estimate = true }}` under [parameters] of daest.toml"
 
 
 def _beside_loads(law: Proof, baseline: FitResult, null: Null) -> float:

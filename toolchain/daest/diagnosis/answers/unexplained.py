@@ -183,8 +183,7 @@ def _comes_near(evidence: Evidence, near: Proof) -> Decided:
 def _dynamic(evidence: Evidence, loads: Loads) -> Decided:
     """Errors that stay correlated in time. The nearest law is one that a simulation of unseen data does not
     speak against: beside loads, anything that lasts gains likelihood."""
-    most = 1.0 + GATES.max_simulated_loss
-    near = next((p for p in evidence.proofs if _may_be_near(p) and error_ratio(evidence, p) <= most), None)
+    near = _nearest(evidence, 1.0 + GATES.max_simulated_loss)
     text = (
         "Something dynamic is missing: the prediction errors stay correlated in time although loads were "
         f"admitted at {_load_places(loads)}, and no effect of the library explains them."
@@ -263,9 +262,10 @@ def _unknown(evidence: Evidence, loads: Loads, form: FreeForm) -> Decided:
     return Decided("unknown effect", text, record)
 
 
-def _nearest(evidence: Evidence) -> Proof | None:
-    """The likeliest law that may be told as the nearest to what acts; None where there is none."""
-    return next((p for p in evidence.proofs if _may_be_near(p)), None)
+def _nearest(evidence: Evidence, most: float = np.inf) -> Proof | None:
+    """The likeliest law that may be told as the nearest to what acts, of those with at `most` that part of
+    the error of simulated unseen data; None where there is none."""
+    return next((p for p in evidence.proofs if _may_be_near(p) and not error_ratio(evidence, p) > most), None)
 
 
 def _told_nearest(proof: Proof | None) -> str:

@@ -252,7 +252,12 @@ def _as_well_inside(evidence: Evidence, proof: Proof) -> Decided | None:
 def beside_value(evidence: Evidence, decided: Decided, law: Proof, other: OtherValue) -> Decided:
     """What was `decided`, where `other` says as much as an accepted law: a parameter makes no claim of a
     law."""
-    told = replace(law, verdict="not separable", not_separable_from=(*law.not_separable_from, other.answer))
+    told = replace(
+        law,
+        verdict="not separable",
+        not_separable_from=(*law.not_separable_from, other.answer),
+        given_values=(*law.given_values, *other.given),
+    )
     proofs = tuple(told if p is law else p for p in decided.proofs)
     says = f"{other.answer}, says as much: {other.advice}."
     if decided.name != "supported":

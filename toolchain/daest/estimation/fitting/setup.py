@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -195,7 +196,11 @@ def check_jumps(flat: FlatModel) -> None:
     residual = ca.Function("residual", [unknowns, others, flat.theta], [expressions])
     moved = set(ca.jacobian_sparsity(flat.residual, flat.derivatives).get_triplet()[0])
     still = np.array([row for row in range(flat.residual.numel()) if row not in moved], dtype=int)
-    slopes = ca.Function("slopes", [unknowns, others, flat.theta], [ca.jacobian(expressions, unknowns)])
+
+    @cache  # most models have no such point
+    def slopes() -> ca.Function:
+        return ca.Function("slopes", [unknowns, others, flat.theta], [ca.jacobian(expressions, unknowns)])
+
     rng = np.random.default_rng(0)
     for g in surfaces:
         surface = ca.Function("surface", [unknowns, others, flat.theta], [g, ca.gradient(g, unknowns)])
@@ -206,7 +211,7 @@ def check_jumps(flat: FlatModel) -> None:
             held = np.setdiff1d(still, rows)
             if rows.size and held.size:
                 rows = _jumping_where_held(
-                    surface, residual, slopes, (v, rest, flat.theta_values), rows, held
+                    surface, residual, slopes(), (v, rest, flat.theta_values), rows, held
                 )
             if rows.size:
                 raise _jump(flat, int(rows[0]))

@@ -25,6 +25,7 @@ from daest.modelica.language.outline import (
     Token,
     class_heads,
     class_tokens,
+    depths,
     edited,
     find_outside,
     name_end,
@@ -129,17 +130,10 @@ def _copy(text: bytes, original: ClassText, name: str, classes: Classes) -> list
 
 def _annotations(words: Sequence[Token]) -> Iterator[Edit]:
     """Annotations of the class itself, which draw and describe the original."""
-    depth = 0
-    for at, word in enumerate(words):
-        depth += (word.text in ("(", "[", "{")) - (word.text in (")", "]", "}"))
-        before = words[at - 1] if at else word
-        if (
-            word.text == "annotation"
-            and depth == 0
-            and before.text in (";", "equation", "protected", "public")
-        ):
-            stop = words[find_outside(words, at, ";")]
-            yield Edit(word.start, stop.end, "")
+    for at, depth in depths(words):
+        is_own = depth == 0 and words[at - 1].text in _BEFORE_ANNOTATIONS
+        if is_own and words[at].text == "annotation":
+            yield Edit(words[at].start, words[find_outside(words, at, ";")].end, "")
 
 
 def _first_names(words: Sequence[Token]) -> Iterator[int]:

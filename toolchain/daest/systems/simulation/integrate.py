@@ -52,7 +52,7 @@ from daest.systems.events.integration import (
 )
 from daest.systems.linear.affine_steps import DrivenBy, Gain, affine_steps
 from daest.systems.linear.linearize import has_affine_dynamics
-from daest.systems.linear.state_space import family_without_variables
+from daest.systems.linear.state_space import family_without_variables, stacked_inputs
 from daest.systems.reduction.input_slopes import refuse_derivatives
 from daest.systems.simulation.chain_runs import RunsBesideChain, have_driven_chain
 from daest.systems.simulation.driven_chain import DrivenChain, driven_chain, rest_functions
@@ -585,12 +585,9 @@ def slopes_at_samples(explicit: Dynamics, time: np.ndarray, inputs: np.ndarray, 
     """Input derivatives (n_samples, n_v) at the samples of `inputs` (n_samples, n_u): of splines where they
     are smooth, else by central differences; zero where samples have none. On straight lines either side has a
     derivative of its own, half a sample early or late."""
-    sources = [d.index for d in explicit.input_derivatives]
-    if time.size < 2 or not sources:
-        return np.zeros((time.size, len(sources)))
-    given = inputs[:, sources]
-    slopes = spline_slopes(given, time) if hold == SMOOTH else np.gradient(given, time, axis=0)
-    return np.asarray(slopes) * _has_slope(explicit, hold)
+    derivatives = tuple((d.index, d.order) for d in explicit.input_derivatives)
+    slopes = stacked_inputs(inputs, time, derivatives, hold)[:, inputs.shape[1] :]
+    return slopes * _has_slope(explicit, hold)
 
 
 def follows_curves(explicit: Dynamics) -> bool:
