@@ -25,6 +25,7 @@ NEXT_LEVELS = 5  # beside a limit, that it is compared with
 NEIGHBOURS = 12  # samples on either side of a spike
 SPAN = 4  # samples of a third difference
 WRITTEN_DECIMALS = 6  # at most, of a reading
+FEWEST_DROPS = 3  # to one and the same value
 MOST_STRETCHES = 5  # of a fault, whose times are told
 
 
@@ -41,7 +42,9 @@ class Samples:
     clock: str = "s"
 
     def part(self, kept: np.ndarray) -> Samples:
-        """Those that are `kept`, (n,) of bool."""
+        """Those that are `kept`, (n,) of bool; these themselves, with what is known of them, where all are."""
+        if np.all(kept):
+            return self
         driven = None if self.driven is None else self.driven[kept]
         return replace(self, time=self.time[kept], values=self.values[kept], driven=driven)
 
@@ -438,10 +441,11 @@ def _steps_around(values: np.ndarray, i: int) -> float:
 def _drops(samples: Samples) -> list[Finding]:
     """Short visits to one and the same value, far from what stands before and after. How far signals jump is
     told without that value: drops that are many are no rare samples."""
+    values, counts = samples.levels
     return _drops_beyond(samples, samples) or [
         found
-        for level in (samples.levels[0][0], samples.levels[0][-1])
-        if 0.0 < np.mean(samples.values == level) <= DATA.many_drops
+        for level, count in ((values[0], counts[0]), (values[-1], counts[-1]))
+        if FEWEST_DROPS <= count <= DATA.many_drops * samples.values.size
         for found in _drops_beyond(samples, samples.part(samples.values != level))
     ]
 
@@ -452,13 +456,16 @@ def _drops_beyond(samples: Samples, usual: Samples) -> list[Finding]:
     levels = samples.values[starts]
     edges = np.abs(np.diff(levels))
     depth = np.minimum(edges[:-1], edges[1:])
-    deep = depth > max(usual.spikes[1], DATA.spike_beyond * usual.large_step)
+    deep = depth > DATA.spike_beyond * usual.large_step
+    if np.count_nonzero(deep) < FEWEST_DROPS:  # before the sizes of spikes, which take long to find
+        return []
+    deep &= depth > usual.spikes[1]
     inner = 1 + np.flatnonzero(deep & (lengths[1:-1] <= DATA.longest_drop))
     starts, lengths, depth = starts[inner], lengths[inner], depth[inner - 1]
     before, there, after = levels[inner - 1], levels[inner], levels[inner + 1]
     dropped = np.abs(after - before) < DATA.neighbours_agree * depth
     targets, counts = np.unique(there[dropped], return_counts=True)
-    if not targets.size or counts.max() < 3 or counts.max() < 0.8 * counts.sum():
+    if not targets.size or counts.max() < FEWEST_DROPS or counts.max() < 0.8 * counts.sum():
         return []
     target = targets[np.argmax(counts)]
     which = dropped & (there == target)
