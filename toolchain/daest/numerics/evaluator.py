@@ -46,27 +46,51 @@ def along(function: ca.Function, arguments: Sequence[np.ndarray]) -> list[np.nda
     Sample by sample into one place: a function mapped over samples takes longer to make than its values, and
     wants hundreds of parameters once for every sample.
     """
-    buffer, run = cast(Any, function).buffer()
     n_samples = next(len(argument) for argument in arguments if argument.ndim == 2)
-    here = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
-    moving = []
-    for i, (place, argument) in enumerate(zip(here, arguments, strict=True)):
-        if not place.size:
-            continue
-        buffer.set_arg(i, memoryview(place.data))
-        if argument.ndim == 2:
-            moving.append((place, argument))
-        else:
-            place[:] = argument
-    values = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
-    results = [np.zeros((n_samples, value.size)) for value in values]
-    for i, value in enumerate(values):
-        if value.size:
-            buffer.set_res(i, memoryview(value.data))
+    rows = _AtRows(function, arguments)
+    results = [np.zeros((n_samples, value.size)) for value in rows.values]
     for k in range(n_samples):
-        for place, argument in moving:
-            place[:] = argument[k]
-        run()
-        for value, result in zip(values, results, strict=True):
+        rows.evaluate(k)
+        for value, result in zip(rows.values, results, strict=True):
             result[k] = value
     return results
+
+
+def repeated(function: ca.Function, start: np.ndarray, arguments: Sequence[np.ndarray]) -> np.ndarray:
+    """States (n_samples + 1, n) from the `start` (n,) on, of a function that tells the next one by the state
+    before, its first argument, and the rows of the others, as in `along`."""
+    n_samples = next(len(argument) for argument in arguments if argument.ndim == 2)
+    rows = _AtRows(function, [start, *arguments])
+    states = np.empty((n_samples + 1, start.size))
+    states[0] = start
+    for k in range(n_samples):
+        rows.evaluate(k)
+        rows.here[0][:] = states[k + 1] = rows.values[0]
+    return states
+
+
+class _AtRows:
+    """A function at rows of its `arguments`, which stand in `here` with the non-zeros of its results, `values`:
+    CasADi holds no more than their addresses."""
+
+    def __init__(self, function: ca.Function, arguments: Sequence[np.ndarray]) -> None:
+        self._buffer, self._run = cast(Any, function).buffer()
+        self.here = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
+        self.values = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
+        self._moving = []
+        for i, (place, argument) in enumerate(zip(self.here, arguments, strict=True)):
+            if not place.size:
+                continue
+            self._buffer.set_arg(i, memoryview(place.data))
+            if argument.ndim == 2:
+                self._moving.append((place, argument))
+            else:
+                place[:] = argument
+        for i, value in enumerate(self.values):
+            if value.size:
+                self._buffer.set_res(i, memoryview(value.data))
+
+    def evaluate(self, k: int) -> None:
+        for place, argument in self._moving:
+            place[:] = argument[k]
+        self._run()

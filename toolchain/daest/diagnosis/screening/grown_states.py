@@ -21,7 +21,7 @@ from scipy.linalg import expm
 
 from daest.errors import EstimationError
 from daest.model.flat import ExplicitModel
-from daest.numerics.evaluator import along
+from daest.numerics.evaluator import along, repeated
 from daest.numerics.recursions import linear_recursion
 from daest.systems.reduction.initialize import begun_beside
 
@@ -109,11 +109,8 @@ def _bent_motion(
     """The states `rows` (n_samples, n) from `starts` (n,), of which the `law` tells rates and own slopes,
     each (n,), beside the other arguments, `columns` (n_samples, n_argument): over an interval as straight as
     at its start, with what moves them as in its middle (exponential Rosenbrock-Euler method)."""
-    steps = np.diff(columns[-1], axis=0).T
-    middles = [
-        0.5 * (part[1:] + part[:-1]).T if part.ndim == 2 else np.repeat(part[:, None], steps.size, axis=1)
-        for part in columns
-    ]
+    steps = np.diff(columns[-1], axis=0)
+    middles = [0.5 * (part[1:] + part[:-1]) if part.ndim == 2 else part for part in columns]
     x = ca.MX.sym("x", len(rows))
     given = [ca.MX.sym("given", law.numel_in(i)) for i in range(law.n_in())]
     step, state = ca.MX.sym("step"), ca.MX(given[0])
@@ -122,9 +119,10 @@ def _bent_motion(
     grows = ca.fmin(step * slope, LARGEST_GROWTH)
     flat = ca.fabs(grows) < np.sqrt(np.finfo(float).eps)
     share = ca.if_else(flat, 1.0, (ca.exp(grows) - 1.0) / ca.if_else(flat, 1.0, grows))
-    over = ca.Function("over", [x, step, *given], [x + step * share * rate])
-    after = over.mapaccum(steps.size)(starts, steps, *middles)
-    return np.vstack([starts, np.array(after).T])
+    over = ca.Function("over", [x, step, *given], [ca.densify(x + step * share * rate)])
+    with suppress(RuntimeError):
+        over = over.expand()
+    return repeated(over, starts, [steps, *middles])
 
 
 def _linear_motion(time: np.ndarray, a: np.ndarray, B: np.ndarray, starts: np.ndarray) -> np.ndarray:

@@ -32,7 +32,7 @@ from daest.diagnosis.screening.candidates import (
     without_shape,
 )
 from daest.diagnosis.screening.clipping import CLIPPED
-from daest.diagnosis.screening.grown_states import grown_states
+from daest.diagnosis.screening.grown_states import GrownStates, Inputs, grown_states
 from daest.diagnosis.screening.size_slopes import Sizes, sizes_of, slopes_over
 from daest.errors import EstimationError
 from daest.estimation.fitting.records import RUN_LENGTHS, part_of
@@ -493,8 +493,9 @@ def _in_own_components(null: Null, run: NullObserver, shaped: Sequence[Candidate
 
 def _responses_to(null: Null, run: NullObserver, explicit: ExplicitModel, sizes: Sizes) -> np.ndarray:
     """Responses (k, m) of the whitened innovations to the sizes; none to those that only rescale."""
-    responses = _responses(null, run, explicit, sizes)
-    responses[_only_rescales(null, run, explicit, sizes)] = 0.0
+    moved = _moved(null, run, explicit)
+    responses = _responses(null, run, explicit, sizes, moved)
+    responses[_only_rescales(null, explicit, sizes, moved)] = 0.0
     return responses
 
 
@@ -563,10 +564,12 @@ def size_names(candidate: Candidate) -> tuple[str, ...]:
     return tuple(f"{candidate.name}.{p.name}" for p in candidate.effect.sizes)
 
 
-def _responses(null: Null, run: NullObserver, explicit: ExplicitModel, sizes: Sizes) -> np.ndarray:
+def _responses(
+    null: Null, run: NullObserver, explicit: ExplicitModel, sizes: Sizes, moved: _Moved | None = None
+) -> np.ndarray:
     """Responses (k, m) of the whitened innovations to each of the sizes."""
     parts, k = [], len(sizes.names)
-    for number, entries in enumerate(entries_along(null, run, explicit, sizes)):
+    for number, entries in enumerate(entries_along(null, run, explicit, sizes, moved)):
         experiment = null.experiments[number]
         rows = np.empty((k, experiment.outputs.size))
         for several in some_at_a_time(k, experiment.n_samples * entries.n_states):
@@ -596,20 +599,50 @@ class Entries:
         return np.stack(ends, axis=1), self.direct.of(several, slice(None), self.n_outputs)
 
 
-def entries_along(null: Null, run: NullObserver, explicit: ExplicitModel, sizes: Sizes) -> Iterator[Entries]:
+@dataclass(frozen=True)
+class _Motion:
+    """The states (n_samples, n) of a model with effects along one recording, as the null's observer has them
+    after and before the outputs of a sample, and inputs with their slopes, u (n_u, n_samples) and v (n_v,
+    n_samples), at the start of the interval after a sample and at the end of the one before it."""
+
+    filtered: np.ndarray
+    predicted: np.ndarray
+    first: Inputs
+    last: Inputs
+
+
+@dataclass(frozen=True)
+class _Moved:
+    """The `motions` of a model along the recordings, and how its states follow from those of the null."""
+
+    grown: GrownStates
+    motions: tuple[_Motion, ...]
+
+
+def _moved(null: Null, run: NullObserver, explicit: ExplicitModel) -> _Moved:
+    grown = grown_states(null.explicit, null.theta, run.observed[0].filtered.mean(axis=0), explicit)
+    motions = []
+    for experiment, observed in zip(null.experiments, run.observed, strict=True):
+        first, last = _driven_inputs(null, explicit, experiment)
+        states = [grown.along(experiment.time, x, first) for x in (observed.filtered, observed.predicted)]
+        motions.append(_Motion(*states, first, last))
+    return _Moved(grown, tuple(motions))
+
+
+def entries_along(
+    null: Null, run: NullObserver, explicit: ExplicitModel, sizes: Sizes, moved: _Moved | None = None
+) -> Iterator[Entries]:
     """How the sizes enter `explicit`, for each experiment, along the states of the null's
     observer: the filtered ones, and at the end of an interval the predicted ones, since what an effect does
     to an innovation must not know that innovation."""
-    grown = grown_states(null.explicit, null.theta, run.observed[0].filtered.mean(axis=0), explicit)
-    back = grown.rows_without_effects()
+    moved = moved or _moved(null, run, explicit)
+    back = moved.grown.rows_without_effects()
     of_rates, of_outputs = _drive_functions(explicit, sizes, back)
-    for experiment, observed in zip(null.experiments, run.observed, strict=True):
-        time, (first, last) = experiment.time, _driven_inputs(null, explicit, experiment)
-        filtered, predicted = (grown.along(time, x, first) for x in (observed.filtered, observed.predicted))
+    for experiment, motion in zip(null.experiments, moved.motions, strict=True):
         yield Entries(
-            at_starts=_drives(explicit, of_rates, time, filtered, first),
-            at_ends=_drives(explicit, of_rates, time, predicted, last),
-            direct=_drives(explicit, of_outputs, time, predicted, last),
+            at_starts=_drives(of_rates, experiment.time, motion.filtered, motion.first),
+            at_ends=_drives(of_rates, experiment.time, motion.predicted, motion.last),
+            direct=_drives(of_outputs, experiment.time, motion.predicted, motion.last),
             n_states=back.shape[1],
             n_outputs=len(null.flat.outputs),
         )
@@ -622,20 +655,11 @@ def some_at_a_time(count: int, each: int) -> Iterator[range]:
     return (range(begin, min(begin + length, count)) for begin in range(0, count, length))
 
 
-def _only_rescales(null: Null, run: NullObserver, explicit: ExplicitModel, sizes: Sizes) -> np.ndarray:
+def _only_rescales(null: Null, explicit: ExplicitModel, sizes: Sizes, moved: _Moved) -> np.ndarray:
     """Which sizes (k,) do what the estimated parameters and the loads do already."""
-    experiment, filtered = null.experiments[0], run.observed[0].filtered
-    (inputs, derivatives), _ = _driven_inputs(null, explicit, experiment)
-    grown = grown_states(null.explicit, null.theta, filtered.mean(axis=0), explicit)
-    return rescaling_sizes(
-        explicit,
-        sizes,
-        null.estimated,
-        [load.name for load in null.loads],
-        grown.along(experiment.time, filtered, (inputs, derivatives)),
-        inputs.T,
-        derivatives.T,
-    )
+    motion, loads = moved.motions[0], [load.name for load in null.loads]
+    inputs, derivatives = (part.T for part in motion.first)
+    return rescaling_sizes(explicit, sizes, null.estimated, loads, motion.filtered, inputs, derivatives)
 
 
 def law_response(
@@ -694,9 +718,7 @@ def _drive_functions(
     return slopes(ca.mtimes(ca.sparsify(ca.DM(back.T)), f)), slopes(h)
 
 
-def _driven_inputs(
-    null: Null, explicit: ExplicitModel, experiment: Experiment
-) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+def _driven_inputs(null: Null, explicit: ExplicitModel, experiment: Experiment) -> tuple[Inputs, Inputs]:
     """u (n_u, n_samples) and v (n_v, n_samples) of the model with effects at the start of the interval after
     every sample and at the end of the one before it. Effects may need slopes of inputs that the model without
     them does not: a body that takes up heat does where its temperature is an input."""
@@ -705,8 +727,8 @@ def _driven_inputs(
     whole = np.column_stack([experiment.inputs, *added])
     u0, u1 = inputs_at_ends(explicit, experiment.time, whole, null.hold)
     n_u = whole.shape[1]
-    ends = (np.vstack([u0, u1[-1:]]), np.vstack([u0[:1], u1]))
-    return tuple((ubar[:, :n_u].T, ubar[:, n_u:].T) for ubar in ends)
+    first, last = np.vstack([u0, u1[-1:]]), np.vstack([u0[:1], u1])
+    return (first[:, :n_u].T, first[:, n_u:].T), (last[:, :n_u].T, last[:, n_u:].T)
 
 
 @dataclass(frozen=True)
@@ -727,14 +749,8 @@ class _Drives:
         return found
 
 
-def _drives(
-    explicit: ExplicitModel,
-    drives: ca.Function,
-    time: np.ndarray,
-    states: np.ndarray,
-    inputs: tuple[np.ndarray, np.ndarray],
-) -> _Drives:
-    """A drive function along the states (n_samples, n) of `explicit`."""
+def _drives(drives: ca.Function, time: np.ndarray, states: np.ndarray, inputs: Inputs) -> _Drives:
+    """A drive function along the states (n_samples, n) of the model that it is of."""
     pattern = drives.sparsity_out(0)
     values = np.zeros((0, time.size))
     if pattern.nnz():
