@@ -42,7 +42,7 @@ class Samples:
     clock: str = "s"
 
     def part(self, kept: np.ndarray) -> Samples:
-        """Those that are `kept`, (n,) of bool; these themselves, with what is known of them, where all are."""
+        """Those that are `kept`, (n,) of bool: these themselves, with what is known of them, if all are."""
         if np.all(kept):
             return self
         driven = None if self.driven is None else self.driven[kept]

@@ -70,7 +70,7 @@ def repeated(function: ca.Function, start: np.ndarray, arguments: Sequence[np.nd
 
 
 class _AtRows:
-    """A function at rows of its `arguments`, which stand in `here` with the non-zeros of its results, `values`:
+    """A function at rows of its arguments, which stand in `here`; the non-zeros of its results are `values`:
     CasADi holds no more than their addresses."""
 
     def __init__(self, function: ca.Function, arguments: Sequence[np.ndarray]) -> None:

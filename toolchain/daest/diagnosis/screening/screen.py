@@ -624,8 +624,10 @@ def _moved(null: Null, run: NullObserver, explicit: ExplicitModel) -> _Moved:
     motions = []
     for experiment, observed in zip(null.experiments, run.observed, strict=True):
         first, last = _driven_inputs(null, explicit, experiment)
-        states = [grown.along(experiment.time, x, first) for x in (observed.filtered, observed.predicted)]
-        motions.append(_Motion(*states, first, last))
+        filtered, predicted = (
+            grown.along(experiment.time, x, first) for x in (observed.filtered, observed.predicted)
+        )
+        motions.append(_Motion(filtered, predicted, first, last))
     return _Moved(grown, tuple(motions))
 
 
