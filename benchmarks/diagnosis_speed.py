@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -68,9 +69,11 @@ def diagnosis_rows(folder: Path, projects: Sequence[Path]) -> Iterator[Row]:
     work, told = folder / "servo_hidden", folder / "stages.json"
     shutil.copytree(HIDDEN, work, ignore=shutil.ignore_patterns("results"))
     variables = {**as_installed(), "DAEST_CACHE": str(folder / "cache")}
-    here = [sys.executable, str(Path(__file__).resolve()), str(told)]
+    there = os.pathsep.join([str(Path(__file__).parent.resolve()), variables.get("PYTHONPATH", "")])
+    code = "import pathlib, sys, diagnosis_speed; diagnosis_speed.staged(pathlib.Path(sys.argv[1]))"
+    here = [sys.executable, "-c", code, str(told)]
     for name in ("first", "again"):
-        seconds, _ = _afresh(here, work, variables)
+        seconds, _ = _afresh(here, work, {**variables, "PYTHONPATH": there})
         yield Row(f"`daest diagnose` of examples/servo_hidden, {name}", "s", seconds)
     stages = json.loads(told.read_text(encoding="utf-8"))
     whole = stages.pop("whole")
@@ -120,7 +123,3 @@ def screen_rows() -> Iterator[Row]:
         (seconds,) = in_turn([lambda: screen(null, run, candidates)], 3)
     n_samples = null.experiments[0].n_samples
     yield Row(f"screen of {len(candidates)} effects at places, {n_samples} samples", "s", seconds)
-
-
-if __name__ == "__main__":
-    staged(Path(sys.argv[1]))

@@ -18,7 +18,7 @@ TESTS = Path(__file__).resolve().parent
 
 # From the ground up. Rooms on one floor do not know each other.
 FLOORS = (
-    ("errors", "files", "cache", "near", "quantities", "machine"),
+    ("errors", "files", "cache", "near", "lists", "quantities", "machine"),
     ("model",),
     ("numerics",),
     ("modelica", "systems"),

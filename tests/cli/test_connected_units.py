@@ -55,4 +55,4 @@ def test_units_that_agree_or_say_nothing_are_not(folder, daest, unit):
 def test_many_are_counted():
     from daest.modelica.flat.connected_units import sentence
 
-    assert sentence(list("abcde")).endswith("connects a, b, c, and 2 more")
+    assert sentence(list("abcde")).endswith("connects a, b, c and 2 more")

@@ -18,6 +18,7 @@ from itertools import combinations
 import numpy as np
 
 from daest.data.limits import DATA
+from daest.lists import first_few
 from daest.model.experiment import Finding, Level, Role
 from daest.quantities import converts
 
@@ -395,9 +396,9 @@ def excursions(samples: Samples, others: Sequence[np.ndarray]) -> list[Finding]:
         return []
     worst = max(float(np.ptp(values[first : last + 1])) for first, last in found)
     times = samples.time
-    told = [f"{times[a]:.6g} to {times[b]:.6g} {samples.clock}" for a, b in found[:MOST_STRETCHES]]
-    more = f" and {len(found) - len(told)} more" if len(found) > len(told) else ""
-    text = f"runs off and back by up to {worst:.4g} in {count} samples ({', '.join(told)}{more}), "
+    told = [f"{times[a]:.6g} to {times[b]:.6g} {samples.clock}" for a, b in found]
+    where = first_few(told, MOST_STRETCHES)
+    text = f"runs off and back by up to {worst:.4g} in {count} samples ({where}), "
     text += f"where it moves by no more than {usual:.3g} from sample to sample elsewhere"
     return [Finding("check-outliers", "warning", samples.name, text, float(samples.time[found[0][0]]), count)]
 

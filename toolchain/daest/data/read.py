@@ -29,6 +29,7 @@ from daest.data.table import (
 )
 from daest.errors import DataError, Place
 from daest.files import why_no_file
+from daest.lists import first_few
 from daest.model.experiment import Experiment
 from daest.near import nearest
 from daest.quantities import Conversion, conversion, in_base_units, may_count_turns
@@ -369,10 +370,9 @@ def _in_their_gaps(column: Column) -> tuple[Column, str]:
         placed[late] = 0.5 * (time[late - 1] + time[late + 1])
     if unevenness(placed) > DATA.uneven_clock:
         return column, ""
-    shown = ", ".join(f"{time[i]:.10g}" for i in still[:_TEXTS_SHOWN])
-    more = f" and {still.size - _TEXTS_SHOWN} more" if still.size > _TEXTS_SHOWN else ""
+    shown = first_few([f"{time[i]:.10g}" for i in still], _TEXTS_SHOWN)
     note = (
-        f"the time stands still at {shown}{more}, where a step beside it leaves out a row: that row is taken "
+        f"the time stands still at {shown}, where a step beside it leaves out a row: that row is taken "
         "in the middle of that step"
     )
     return replace(column, values=placed), note

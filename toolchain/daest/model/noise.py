@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from daest.lists import first_few
 from daest.model.linear import RankDecision
 from daest.model.parts import Equation
 from daest.model.shown import Framed, Listing
@@ -106,8 +107,7 @@ class NoiseReport(Framed):
 
 
 def _differentiated(place: NoisePlace) -> str:
-    names, rest = ", ".join(place.differentiated), place.n_differentiated - len(place.differentiated)
-    return f"{names} and {rest} more" if rest > 0 else names
+    return first_few(place.differentiated, len(place.differentiated), place.n_differentiated)
 
 
 @dataclass(frozen=True)

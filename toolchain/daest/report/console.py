@@ -15,6 +15,8 @@ from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.style import Style
 from rich.text import Text
 
+from daest.lists import first_few
+
 LEAST_P = 1e-12  # of a shown p-value
 NARROWEST_TEXT = 8  # characters that a text keeps in a narrow terminal
 LONGEST_NAME = 32  # characters of a word that are always kept together
@@ -218,8 +220,4 @@ def bracketed(unit: str | None) -> str:
 def listed(names: Sequence[str], most: int = 12, total: int | None = None, *, separator: str = ", ") -> str:
     """Names with commas or another separator; beyond `most` the rest is counted. `total`: how many there are,
     if not all are given."""
-    total = len(names) if total is None else total
-    if not names:
-        return "none"
-    shown = separator.join(names[:most])
-    return shown if total <= most else f"{shown} and {total - most} more"
+    return first_few(names, most, total, separator=separator) if names else "none"

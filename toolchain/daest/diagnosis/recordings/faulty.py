@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from daest.data.check import check_experiment
+from daest.lists import first_few
 from daest.model.experiment import Experiment
 
 FAULTS = ("check-stuck", "check-dropouts", "check-outliers")
@@ -50,7 +51,4 @@ def _faults(experiments: Sequence[Experiment]) -> str:
     names = {name for e in experiments for name in e.output_names}
     found = [f for e in experiments for f in check_experiment(e).findings if f.code in FAULTS]
     texts = list(dict.fromkeys(f.sentence for f in found if f.column in names))
-    if not texts:
-        return ""
-    more = f"; and {len(texts) - MOST_TOLD} more" if len(texts) > MOST_TOLD else ""
-    return f"{'; '.join(texts[:MOST_TOLD])}{more}"
+    return first_few(texts, MOST_TOLD, separator="; ")

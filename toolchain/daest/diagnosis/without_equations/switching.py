@@ -38,6 +38,7 @@ from daest.diagnosis.without_equations.coloured import (
 from daest.errors import DaestError, EstimationError
 from daest.estimation.fitting.fitted import fitted_model
 from daest.estimation.identify import identify
+from daest.lists import first_few
 from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, IdentifyOptions
@@ -324,9 +325,8 @@ def _remarks(case: Case) -> list[str]:
     said = []
     never = _never_seen(case)
     if never:
-        more = f" and {len(never) - MOST_NAMED} more" if len(never) > MOST_NAMED else ""
         said.append(
-            f"Never in these recordings: {', '.join(never[:MOST_NAMED])}{more}; they say nothing of an "
+            f"Never in these recordings: {first_few(never, MOST_NAMED)}; they say nothing of an "
             "effect that acts only then."
         )
     held = [case.flat.unknowns[one.unknown].name for one in events.assignments if one.is_real]

@@ -23,6 +23,7 @@ from daest.estimation.filter_engines.stationary import stationary_filter, withou
 from daest.estimation.filters.case import Case, Estimates
 from daest.estimation.fitting.identifiability import combination_text
 from daest.estimation.gates import FIT
+from daest.lists import first_few
 from daest.model.estimates import InitialState, KalmanResult
 from daest.model.experiment import Experiment
 from daest.model.holds import Hold
@@ -185,8 +186,8 @@ def _messages(
     open_ = np.flatnonzero(np.isinf(std[-1]))
     if open_.size:
         messages.append(
-            f"{used} never determine {_listed([names[i] for i in open_])}: no value is given for "
-            "them. Measure another output or give the initial state."
+            f"{used} never determine {first_few([names[i] for i in open_], NAMED_AT_MOST)}: no value is "
+            "given for them. Measure another output or give the initial state."
         )
     elif (unseen := _unobservable(result)).shape[1]:
         hidden = "; ".join(combination_text(v, ss.state_names) for v in unseen.T)
@@ -195,7 +196,7 @@ def _messages(
         messages.append("White noise reaches an output directly; it is held over each sample.")
     direct = np.flatnonzero(np.sum(ss.W @ intensity * ss.W, axis=1) > 0.0)
     if direct.size:
-        noisy = _listed([ss.unknown_names[i] for i in direct])
+        noisy = first_few([ss.unknown_names[i] for i in direct], NAMED_AT_MOST)
         messages.append(f"{noisy} contain white noise: their values are means over one sample.")
     if result.kind == "stationary" and initial is None:
         messages.append("The stationary filter starts with all states at zero.")
@@ -218,9 +219,3 @@ def _long_memory(models: DiscreteModel | list[DiscreteModel], time: np.ndarray) 
         f"With so little process noise the stationary filter forgets a wrong start with a time constant of "
         f"{memory:.3g} s, and the record has {duration:.3g} s: the time-varying filter does better.",
     )
-
-
-def _listed(names: list[str]) -> str:
-    if len(names) > NAMED_AT_MOST:
-        return ", ".join(names[:NAMED_AT_MOST]) + f" and {len(names) - NAMED_AT_MOST} more"
-    return ", ".join(names)

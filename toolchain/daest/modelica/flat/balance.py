@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from daest.errors import ModelError, Place
+from daest.lists import first_few
 from daest.model.parts import Equation
 from daest.modelica.flat.scope import Element
 from daest.numerics.matching import find_defect
@@ -105,8 +106,7 @@ def _reaches_inside(equation: Equation, end: str, surplus: int, what: str, where
 
 
 def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(f"`{name}`" for name in names[:_LISTED])
-    return shown + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+    return first_few([f"`{name}`" for name in names], _LISTED)
 
 
 def _incidence(residual: ca.SX, xi: ca.SX, derivatives: ca.SX) -> sp.csr_array:

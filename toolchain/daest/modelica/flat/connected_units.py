@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from daest.lists import first_few
 from daest.model.flat import FlatModel
 from daest.model.parts import Equation
 from daest.quantities import converts, is_known_unit
@@ -28,9 +29,7 @@ def contradictions(flat: FlatModel) -> tuple[str, ...]:
 
 def sentence(found: Sequence[str]) -> str:
     """The contradictions as one sentence."""
-    rest = len(found) - MOST_NAMED
-    more = f", and {rest} more" if rest > 0 else ""
-    return f"units contradict each other where the model connects {', '.join(found[:MOST_NAMED])}{more}"
+    return f"units contradict each other where the model connects {first_few(found, MOST_NAMED)}"
 
 
 def _contradict(one: str, other: str) -> bool:

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import ModelError
+from daest.lists import first_few
 from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
 from daest.model.parts import Parameter
@@ -422,9 +423,7 @@ def _wanted(effect: Effect) -> str:
 
 def _listed(usable: Sequence[Site]) -> str:
     # A node and a cut through it go by the same name.
-    names = list(dict.fromkeys(f"`{site.name}`" for site in usable))
-    more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
-    return ", ".join(names[:_MOST_LISTED]) + more
+    return first_few(list(dict.fromkeys(f"`{site.name}`" for site in usable)), _MOST_LISTED)
 
 
 class Network:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from difflib import SequenceMatcher
 from typing import Any
 
+from daest.lists import first_few
 from daest.model.flat import Model
 from daest.model.holds import hold_text
 from daest.quantities import with_unit
@@ -429,5 +430,4 @@ def _file_name(path: str) -> str:
 
 def places(names: Sequence[str]) -> str:
     """Names with commas, the rest counted."""
-    shown = ", ".join(names[:MOST_PLACES])
-    return shown if len(names) <= MOST_PLACES else f"{shown} and {len(names) - MOST_PLACES} more"
+    return first_few(names, MOST_PLACES)

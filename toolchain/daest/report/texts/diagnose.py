@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.text import Text
 
+from daest.lists import first_few
 from daest.quantities import with_unit
 from daest.report.console import as_text, heading, indented, number, probability, table
 
@@ -156,8 +157,7 @@ def _places(places: Sequence[Mapping[str, Any]]) -> RenderableType:
 
 
 def grouped(names: Sequence[str]) -> str:
-    rest = len(names) - MOST_GROUP
-    return ", ".join(names[:MOST_GROUP]) + (f" and {rest} more" if rest > 0 else "")
+    return first_few(names, MOST_GROUP)
 
 
 def _is_curve(disturbance: Mapping[str, Any] | None) -> bool:

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import DaestError, ModelError
+from daest.lists import first_few
 from daest.model.experiment import Experiment
 from daest.model.flat import ExplicitModel, FlatModel
 from daest.systems.events.event_functions import EventFunctions
@@ -143,8 +144,7 @@ def mode_text(flat: FlatModel, values: np.ndarray | None = None, slots: Sequence
     ]
     named += [(one.slot, f"{one.text} = {values[one.slot]:g}") for one in events.whole_parts]
     shown = [text for slot, text in named if slots is None or slot in slots]
-    left = len(shown) - MOST_SHOWN
-    return ", ".join([*shown[:MOST_SHOWN], *([f"and {left} more"] if left > 0 else [])])
+    return first_few(shown, MOST_SHOWN)
 
 
 MOST_SHOWN = 8  # discrete variables and relations of a mode that are named

@@ -19,6 +19,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import lsmr
 
 from daest.errors import ModelError, Place
+from daest.lists import first_few
 from daest.model.flat import FlatModel
 from daest.model.parts import Equation, Variable
 from daest.numerics.matching import Defect, canonical_offsets, find_defect
@@ -136,8 +137,7 @@ def _equation_line(text: str, place: Place | None) -> str:
 
 def name_unknowns(unknowns: tuple[Variable, ...], columns: tuple[int, ...]) -> str:
     """Names, at most `LISTED` of them, separated by commas."""
-    names = ", ".join(unknowns[j].name for j in columns[:LISTED])
-    return names + (f", … and {len(columns) - LISTED} more" if len(columns) > LISTED else "")
+    return first_few([unknowns[j].name for j in columns], LISTED)
 
 
 def flat_signature(flat: FlatModel) -> Signature:
