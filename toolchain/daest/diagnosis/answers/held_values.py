@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from daest.data.template import toml_key
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.evidence.noise_level import is_at_noise
@@ -74,12 +76,15 @@ class OtherValue:
     ) -> bool:
         """Whether it is an answer beside an accepted law: as likely, or less so where the law simulates
         unseen data with more error (as of two laws). One that is far likelier need but simulate them with
-        less error than the model as it is: what else is missing may spoil its simulation."""
+        less error than the model as it is, and with no more where the law leaves most of the error of every
+        output itself: what else is missing may spoil its simulation."""
         if not self.ratios or self.delta_bic < GATES.min_bic_gain:
             return False
         pairs = list(zip(self.ratios, law_ratios, strict=False))
         gain = _beside_loads(law, baseline, null)
-        if self.delta_bic >= gain + GATES.min_bic_gain and max(self.ratios) < GATES.max_rival_error:
+        leaves_most = min(law_ratios, default=np.inf) > GATES.max_most_ratio
+        most = 1.0 + GATES.same_unseen_error if leaves_most else GATES.max_rival_error
+        if self.delta_bic >= gain + GATES.min_bic_gain and max(self.ratios) < most:
             return True
         if self.delta_bic >= gain - GATES.same_bic:
             return all(own * GATES.max_rival_error <= other for own, other in pairs)

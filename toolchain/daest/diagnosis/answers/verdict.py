@@ -212,7 +212,10 @@ def _by_hand(evidence: Evidence, one: Unproved) -> str:
     if one.is_late:
         return f"Run the same command again, which goes on with {one.candidate.label}, or give it more time."
     if one.is_present:
-        return "Estimate what the model has there with given values (--estimate), and run again."
+        return (
+            "Estimate what the model has there with given values, too (estimate = true under [parameters] of "
+            "daest.toml; --estimate alone would hold all others), and run again."
+        )
     return (
         f"Add {one.candidate.label} to the model (daest extend) and identify it, from sizes that make "
         "sense in the machine."
@@ -249,16 +252,21 @@ def _as_well_inside(evidence: Evidence, proof: Proof) -> Decided | None:
     return replace(decided, message=decided.message + told)
 
 
-def beside_value(evidence: Evidence, decided: Decided, law: Proof, other: OtherValue) -> Decided:
-    """What was `decided`, where `other` says as much as an accepted law: a parameter makes no claim of a
-    law."""
-    told = replace(
-        law,
-        verdict="not separable",
-        not_separable_from=(*law.not_separable_from, other.answer),
-        given_values=(*law.given_values, *other.given),
+def beside_value(evidence: Evidence, decided: Decided, other: OtherValue) -> Decided:
+    """What was `decided`, where `other` says as much as one of the accepted laws, and is another answer
+    beside all of them: a parameter makes no claim of a law."""
+    law = next(p for p in decided.proofs if p.verdict != "rejected")
+    proofs = tuple(
+        p
+        if p.verdict == "rejected"
+        else replace(
+            p,
+            verdict="not separable",
+            not_separable_from=(*p.not_separable_from, other.answer),
+            given_values=(*p.given_values, *other.given),
+        )
+        for p in decided.proofs
     )
-    proofs = tuple(told if p is law else p for p in decided.proofs)
     says = f"{other.answer}, says as much: {other.advice}."
     if decided.name != "supported":
         message = f"{decided.message} {says[0].upper()}{says[1:]}"
