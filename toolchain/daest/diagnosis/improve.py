@@ -715,12 +715,13 @@ def _leading(paths: Sequence[_Path]) -> list[_Path]:
 def _is_ahead(one: _Path, other: _Path) -> bool:
     """Whether a hypothesis is clearly better: by the errors of its simulation of unseen data, or, where these
     do not differ clearly, by its likelihood; not by what it owes to an effect of whose size nothing is known
-    any more."""
+    any more. One of fewer effects need not be clearly likelier: three laws do what two others do."""
     if _ratio(other, one) < GATES.max_rival_error:
         return True
     if _ratio(one, other) < GATES.max_rival_error:
         return False
-    return one.bic < other.bic - GATES.min_bic_gain and not _doubtful(one.steps)
+    least = 0.0 if len(one.steps) < len(other.steps) else GATES.min_bic_gain
+    return one.bic < other.bic - least and not _doubtful(one.steps)
 
 
 def _is_worse(path: _Path, other: _Path) -> bool:
