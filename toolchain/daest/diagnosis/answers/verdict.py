@@ -15,6 +15,7 @@ from daest.diagnosis.answers.told_laws import (
     errors_told,
     importance_told,
     left_by_set,
+    spoilt,
     supported,
     told_of,
 )
@@ -60,6 +61,10 @@ SOONER = (
 )
 ADD_PARTS = (
     "Add both to the model (daest extend) and diagnose it again: neither is the answer without the other."
+)
+SPOILT = (
+    "Look at what else acts on {name}, and at the given values there; daest improve goes on with the law and "
+    "looks for what is missing besides."
 )
 LARGER = "Record again with larger amplitudes, which show more of the form of the law."
 
@@ -224,8 +229,10 @@ def _by_hand(evidence: Evidence, one: Unproved) -> str:
 
 def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | None) -> Decided:
     if len(accepted) == 1:
-        return _as_well_inside(evidence, accepted[0]) or Decided(
-            "supported", supported(evidence, accepted[0])
+        return (
+            _as_well_inside(evidence, accepted[0])
+            or _spoils(evidence, accepted[0])
+            or Decided("supported", supported(evidence, accepted[0]))
         )
     if accepted:
         return _cannot_tell(evidence, accepted)
@@ -250,6 +257,25 @@ def _as_well_inside(evidence: Evidence, proof: Proof) -> Decided | None:
     decided = _beside(evidence, [proof], proof.inside, why, BESIDE_SENSOR)
     told = errors_told(evidence, proof) + importance_told(evidence, proof) + certainty_told(evidence, proof)
     return replace(decided, message=decided.message + told)
+
+
+def _spoils(evidence: Evidence, proof: Proof) -> Decided | None:
+    """No claim for a law that takes errors from one output and gives them to another; None where it does not.
+    It may stand for something else, or be one of two things that are wrong."""
+    name, ratio = spoilt(evidence, proof)
+    if not name:
+        return None
+    told = replace(
+        proof, verdict="not separable", not_separable_from=(*proof.not_separable_from, f"what acts on {name}")
+    )
+    return Decided(
+        "cannot tell",
+        f"{proof.candidate.label} would do ({told_values(proof)}), but the simulation of {name} of unseen "
+        f"data gets {ratio:.3g} times worse with it: something else is missing or off besides, or instead."
+        + told_of(evidence, proof),
+        SPOILT.format(name=name),
+        tuple(told if p is proof else p for p in evidence.proofs),
+    )
 
 
 def beside_value(evidence: Evidence, decided: Decided, other: OtherValue) -> Decided:
