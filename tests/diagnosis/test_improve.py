@@ -200,6 +200,11 @@ def test_unseen_data_come_before_the_likelihood(monkeypatch):
     close = path(-1003.0, 1.0)
     assert not improving._is_ahead(close, likely) and improving._leading([likely, close]) == [likely, close]
     assert improving._leading([likely, alike, foresees]) == [foresees]
+    # Three laws may do what two others do: these are not to be clearly likelier.
+    long, short = path(-1000.0, 1.0, steps=(0, 1, 2, 3)), path(-1003.0, 1.0, steps=(0, 1, 2))
+    assert improving._leading([long, short])[0] is short and not improving._is_ahead(long, short)
+    assert not improving._is_ahead(path(-999.0, 1.0, steps=(0, 1, 2)), long)
+    assert not improving._is_ahead(path(-1003.0, 1.2, steps=(0, 1, 2)), long)
     # What an effect makes likelier of which nothing is known any more is no better for it.
     doubted.append(likely.steps)
     assert not improving._is_ahead(likely, alike) and improving._leading([alike, likely]) == [alike, likely]
