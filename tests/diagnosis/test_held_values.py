@@ -168,13 +168,17 @@ def test_a_value_that_shows_nearly_as_much_is_estimated_too(monkeypatch):
         (111.0, 0.95, 0.8, True),  # what else is missing spoils the simulation of both
         (111.0, 1.05, 0.8, False),
         (109.0, 0.95, 0.8, False),
+        (145.0, 1.0, 0.2, True),  # 10 + 5 ln 300 more: it is off beside the law, too
+        (145.0, 1.05, 0.2, False),
+        (138.0, 1.0, 0.2, False),
         (5.0, 0.1, 0.2, False),  # hardly pays for its parameter
     ],
 )
 def test_a_value_is_an_answer_beside_a_law_as_another_law_would_be(delta_bic, ratio, law_ratio, is_rival):
     parameter = FittedParameter("R", 84.0, 0.2, 35.0, "Ohm", 0.0, None, False)
     other = OtherValue(parameter, 35.0, delta_bic, (ratio,))
-    assert other.says_as_much_as(Law(100.0), None, None, (law_ratio,)) == is_rival
+    null = stand_with(INERTIA).null
+    assert other.says_as_much_as(Law(100.0), None, null, (law_ratio,)) == is_rival
 
 
 @pytest.mark.parametrize(
