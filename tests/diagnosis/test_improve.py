@@ -211,6 +211,26 @@ def test_unseen_data_come_before_the_likelihood(monkeypatch):
     assert improving._is_ahead(foresees, likely)
 
 
+def test_lists_that_explain_all_as_well_are_told():
+    """A loss of cells that grows with their square, and what their growth lacks, had been named alone beside
+    the death of cells and an inflow of sugar."""
+
+    def ended(*labels, verdict="nothing missing"):
+        steps = [SimpleNamespace(proof=None)] + [
+            SimpleNamespace(proof=SimpleNamespace(candidate=SimpleNamespace(label=label))) for label in labels
+        ]
+        return improving._Path(None, tuple(steps), SimpleNamespace(verdict=verdict), "Nothing is missing.")
+
+    best = ended("Drag at w", "Offset at u")
+    others = [ended("Friction at w", "Load at w"), ended("Offset at u", "Drag at w"), ended("Lag at u")]
+    assert improving._beside_others([best, *others]).reason == (
+        "Nothing is missing. These data do not tell this list from Friction at w, then Load at w or Lag at u."
+    )
+    assert improving._beside_others([best, ended("Lag at u", verdict="unknown effect")]) is best
+    open_ended = ended("Drag at w", verdict="unknown effect")
+    assert improving._beside_others([open_ended, *others]) is open_ended
+
+
 def test_effect_is_doubtful_once_no_size_of_it_is_certain():
     proof = proof_of("CoulombFriction")
     own = f"{proof.candidate.name}.tau_c"
