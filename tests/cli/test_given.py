@@ -69,6 +69,20 @@ def test_set_gives_the_start_of_the_search(folder, daest):
     assert json.loads(out)["parameters"]["T"]["initial"] == 0.7
 
 
+def test_what_estimate_alone_leaves_out_is_told_before_a_diagnosis(folder, capsys):
+    """The advice to estimate a given value, followed by --estimate alone, had held the rates of a fermenter,
+    for which a bent growth stood."""
+    for choice, is_told in (
+        (ParameterOptions({}, {}, ("k",)), True),
+        (ParameterOptions({}, {}), False),
+        (ParameterOptions({}, {"T": 0.45}, ("k",)), False),
+    ):
+        opened(
+            load_project(None), Path("Lag.mo"), [Path("run1.csv")], DataOptions(), Search(), parameters=choice
+        )
+        assert ("--estimate holds T, estimated without it" in capsys.readouterr().err) == is_told
+
+
 def test_diagnosis_takes_the_choice(folder):
     choice = ParameterOptions({"k": 1.5}, {"T": 0.45}, ("k",), {"k": Prior(2.0, 0.1)})
     data = [Path("run1.csv")]

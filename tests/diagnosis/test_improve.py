@@ -200,10 +200,35 @@ def test_unseen_data_come_before_the_likelihood(monkeypatch):
     close = path(-1003.0, 1.0)
     assert not improving._is_ahead(close, likely) and improving._leading([likely, close]) == [likely, close]
     assert improving._leading([likely, alike, foresees]) == [foresees]
+    # Three laws may do what two others do: these are not to be clearly likelier.
+    long, short = path(-1000.0, 1.0, steps=(0, 1, 2, 3)), path(-1003.0, 1.0, steps=(0, 1, 2))
+    assert improving._leading([long, short])[0] is short and not improving._is_ahead(long, short)
+    assert not improving._is_ahead(path(-999.0, 1.0, steps=(0, 1, 2)), long)
+    assert not improving._is_ahead(path(-1003.0, 1.2, steps=(0, 1, 2)), long)
     # What an effect makes likelier of which nothing is known any more is no better for it.
     doubted.append(likely.steps)
     assert not improving._is_ahead(likely, alike) and improving._leading([alike, likely]) == [alike, likely]
     assert improving._is_ahead(foresees, likely)
+
+
+def test_lists_that_explain_all_as_well_are_told():
+    """A loss of cells that grows with their square, and what their growth lacks, had been named alone beside
+    the death of cells and an inflow of sugar."""
+
+    def ended(*labels, verdict="nothing missing"):
+        steps = [SimpleNamespace(proof=None)] + [
+            SimpleNamespace(proof=SimpleNamespace(candidate=SimpleNamespace(label=label))) for label in labels
+        ]
+        return improving._Path(None, tuple(steps), SimpleNamespace(verdict=verdict), "Nothing is missing.")
+
+    best = ended("Drag at w", "Offset at u")
+    others = [ended("Friction at w", "Load at w"), ended("Offset at u", "Drag at w"), ended("Lag at u")]
+    assert improving._beside_others([best, *others]).reason == (
+        "Nothing is missing. These data do not tell this list from Friction at w, then Load at w or Lag at u."
+    )
+    assert improving._beside_others([best, ended("Lag at u", verdict="unknown effect")]) is best
+    open_ended = ended("Drag at w", verdict="unknown effect")
+    assert improving._beside_others([open_ended, *others]) is open_ended
 
 
 def test_effect_is_doubtful_once_no_size_of_it_is_certain():

@@ -75,6 +75,10 @@ NONE_ESTIMATED = (
     "no parameter is estimated, so that a value of the model that is off looks like a missing effect: name "
     "the unknown ones by --estimate"
 )
+OTHERS_HELD = (
+    "--estimate holds {names}, estimated without it: a value that is off there looks like a missing effect; "
+    "to estimate a parameter besides them, write estimate = true under [parameters] of daest.toml"
+)
 
 search_options = gathered(
     "search",
@@ -201,6 +205,9 @@ def opened(
             "outside",
         )
     chosen = loaded if parameters is None else parameters.applied(loaded)
+    others = [] if parameters is None else _left_out(loaded, parameters)
+    if others:
+        note(OTHERS_HELD.format(names=", ".join(others)))
     flat, estimation, validation = training_data(chosen, project, data, data_choice)
     if not validation:
         note("no validation data: the second half of every recording validates")
@@ -236,6 +243,13 @@ def opened(
         return case
     finer = replace(options, hold=known_hold, held=None)
     return replace(case, as_recorded=lambda: case_of(recorded, finer, (*remarks, AS_RECORDED)))
+
+
+def _left_out(loaded: Model, parameters: ParameterOptions) -> list[str]:
+    """The parameters that the model or daest.toml marks and --estimate does not name; those of --fix are held
+    on purpose."""
+    named = {*parameters.estimate, *parameters.fix}
+    return [p.name for p in loaded.parameters if p.estimate and p.name not in named and parameters.estimate]
 
 
 def _resumable(case: Case) -> Case:

@@ -303,7 +303,8 @@ def _with_values(
 ) -> tuple[Decided, str]:
     """What is decided beside the value that the model holds of which another one says most, and a sentence on
     one that comes near where no law was found; empty where none does."""
-    law = next((p for p in decided.proofs if p.verdict != "rejected"), None)
+    laws = [p for p in decided.proofs if p.verdict != "rejected"]
+    law = next(iter(laws), None)
     if decided.name in ("nothing missing", "parameters off") or (options.is_over and law is None):
         return decided, ""
     # No law is claimed before it is known whether another value says as much, though the time be up.
@@ -323,12 +324,16 @@ def _with_values(
             return _by_value_alone(decided, other), ""
         near = f" Another value of {other.text}, comes near: {other.remedy}."
         return decided, near if other.says_much and not adds_up else ""
-    terms = (law, stand.baseline, stand.null, error_ratios(stand.told.simulated, law.told.simulated))
-    if not adds_up and other.puts_aside(*terms):
+    terms = [
+        (one, stand.baseline, stand.null, error_ratios(stand.told.simulated, one.told.simulated))
+        for one in laws
+    ]
+    if not adds_up and other.puts_aside(*terms[0]):
         return _by_value(decided, law, other), ""
-    if not other.says_as_much_as(*terms):
+    # What says as much as one of the laws that are not told apart is another answer beside them all.
+    if not any(other.says_as_much_as(*of_one) for of_one in terms):
         return decided, ""
-    return beside_value(evidence, decided, law, other), ""
+    return beside_value(evidence, decided, other), ""
 
 
 def _with_changes(
@@ -347,7 +352,7 @@ def _with_changes(
         changing = changing_value(stand, run, law, library)
         ratios = error_ratios(stand.told.simulated, law.told.simulated)
         if changing is not None and changing.says_as_much_as(law, stand.baseline, stand.null, ratios):
-            return beside_value(evidence, decided, law, changing)
+            return beside_value(evidence, decided, changing)
     return decided
 
 

@@ -298,11 +298,29 @@ def _searched(task: _Task) -> _Path:
         last = paths[0].last
         is_done = last is None or last.verdict == "nothing missing" or task.options.is_over
         if is_done or not put_aside or n_taken_up == MOST_TAKEN_UP:
-            return paths[0]
+            return _beside_others(paths)
         n_taken_up += 1
         other = put_aside.pop(0)
         task.progress(f"going on with {_label(other.steps[-1])} instead")
         paths = [*paths, other]
+
+
+def _beside_others(paths: Sequence[_Path]) -> _Path:
+    """The best path, which tells the others beside which nothing is missing, either, and that are not clearly
+    worse: a list of effects that explains all is not yet the one that acts."""
+    best, *others = paths
+    if best.last is None or best.last.verdict != "nothing missing":
+        return best
+    alike = [_labels(path) for path in others if path.last and path.last.verdict == best.last.verdict]
+    rivals = [labels for labels in dict.fromkeys(alike) if labels and set(labels) != set(_labels(best))]
+    if not rivals:
+        return best
+    told = " or ".join(f"{', then '.join(labels)}" for labels in rivals)
+    return replace(best, reason=f"{best.reason} These data do not tell this list from {told}.")
+
+
+def _labels(path: _Path) -> tuple[str, ...]:
+    return tuple(_label(step) for step in path.steps if step.proof is not None)
 
 
 def _continued(task: _Task, path: _Path) -> list[_Path]:
@@ -715,12 +733,13 @@ def _leading(paths: Sequence[_Path]) -> list[_Path]:
 def _is_ahead(one: _Path, other: _Path) -> bool:
     """Whether a hypothesis is clearly better: by the errors of its simulation of unseen data, or, where these
     do not differ clearly, by its likelihood; not by what it owes to an effect of whose size nothing is known
-    any more."""
+    any more. One of fewer effects need not be clearly likelier: three laws do what two others do."""
     if _ratio(other, one) < GATES.max_rival_error:
         return True
     if _ratio(one, other) < GATES.max_rival_error:
         return False
-    return one.bic < other.bic - GATES.min_bic_gain and not _doubtful(one.steps)
+    least = 0.0 if len(one.steps) < len(other.steps) else GATES.min_bic_gain
+    return one.bic < other.bic - least and not _doubtful(one.steps)
 
 
 def _is_worse(path: _Path, other: _Path) -> bool:

@@ -25,7 +25,8 @@ def prior_unused(name: str) -> EstimationError:
         "prior-unused",
         f"{name} has a prior but is not estimated",
         where=name,
-        remedy=f"estimate it (--estimate {name}), or leave the prior out",
+        remedy="estimate it, too (estimate = true under [parameters] of daest.toml, or --estimate with the "
+        "names of all that are estimated), or leave the prior out",
     )
 
 

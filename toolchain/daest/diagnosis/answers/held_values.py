@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from daest.data.template import toml_key
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.evidence.noise_level import is_at_noise
@@ -74,16 +76,29 @@ class OtherValue:
     ) -> bool:
         """Whether it is an answer beside an accepted law: as likely, or less so where the law simulates
         unseen data with more error (as of two laws). One that is far likelier need but simulate them with
-        less error than the model as it is: what else is missing may spoil its simulation."""
+        less error than the model as it is, and with no more where the law leaves most of the error of every
+        output itself, or where the value is certainly off beside the law, too: what else is missing may spoil
+        its simulation."""
         if not self.ratios or self.delta_bic < GATES.min_bic_gain:
             return False
         pairs = list(zip(self.ratios, law_ratios, strict=False))
         gain = _beside_loads(law, baseline, null)
-        if self.delta_bic >= gain + GATES.min_bic_gain and max(self.ratios) < GATES.max_rival_error:
-            return True
+        if self.delta_bic >= gain + GATES.min_bic_gain:
+            leaves_most = min(law_ratios, default=np.inf) > GATES.max_most_ratio
+            is_spoilt = leaves_most or self._is_off_beside(law, gain, null)
+            most = 1.0 + GATES.same_unseen_error if is_spoilt else GATES.max_rival_error
+            if max(self.ratios) < most:
+                return True
         if self.delta_bic >= gain - GATES.same_bic:
             return all(own * GATES.max_rival_error <= other for own, other in pairs)
         return bool(pairs) and all(own < GATES.max_rival_error * other for own, other in pairs)
+
+    def _is_off_beside(self, law: Proof, gain: float, null: Null) -> bool:
+        """Whether the model with another value is so much likelier than with the law, whose gain in BIC is
+        `gain`, that it must be so beside the law, too: with both it is no less likely than with the value
+        alone, for the price of the law's parameters. Not of a law that only its simulation shows."""
+        price = -bic_gain(0.0, law.candidate.n_unknowns, null)
+        return not law.is_by_use and self.delta_bic >= gain + price + GATES.min_bic_gain
 
     def puts_aside(self, law: Proof, baseline: FitResult, null: Null, law_ratios: Sequence[float]) -> bool:
         """Whether an accepted law only stands for it, as for a likelier law: beside loads it is preferred by

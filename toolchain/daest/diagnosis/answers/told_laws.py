@@ -119,6 +119,20 @@ def _of_steady(proof: Proof, ratios: Mapping[str, float]) -> dict[str, float]:
     return {name: one for name, one in ratios.items() if not proof.adds_up or name in proof.holding}
 
 
+def spoilt(evidence: Evidence, proof: Proof) -> tuple[str, float]:
+    """The output of which a simulation of unseen data gets clearly worse with the effect, though that of all
+    together does not, and how many times; no name where there is none, or errors add up. Where all get worse
+    for a constant that is missing besides, the gates of the proof have judged that."""
+    before, after = told_fits(evidence, proof)
+    ratios = _of_steady(proof, ratios_by_output(before.simulated, after.simulated))
+    name = max(ratios, key=ratios.__getitem__, default="")
+    whole = float(np.sqrt(np.mean(np.square(list(ratios.values()))))) if ratios else np.inf
+    in_pieces = proof.is_by_use and proof.in_use.piece
+    if in_pieces or whole > 1.0 + GATES.max_simulated_loss or ratios[name] <= 1.0 / GATES.max_clear_ratio:
+        return "", 1.0
+    return name, ratios[name]
+
+
 def _lasting(proof: Proof, after: FitResult, limit: float) -> str:
     """A sentence on the output whose errors in a simulation of unseen data last longest; empty where none is
     more than `limit` times its part without memory, or they add up. The error one sample ahead says nothing

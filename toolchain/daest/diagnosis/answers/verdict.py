@@ -15,6 +15,7 @@ from daest.diagnosis.answers.told_laws import (
     errors_told,
     importance_told,
     left_by_set,
+    spoilt,
     supported,
     told_of,
 )
@@ -60,6 +61,10 @@ SOONER = (
 )
 ADD_PARTS = (
     "Add both to the model (daest extend) and diagnose it again: neither is the answer without the other."
+)
+SPOILT = (
+    "Look at what else acts on {name}, and at the given values there; daest improve goes on with the law and "
+    "looks for what is missing besides."
 )
 LARGER = "Record again with larger amplitudes, which show more of the form of the law."
 
@@ -212,7 +217,10 @@ def _by_hand(evidence: Evidence, one: Unproved) -> str:
     if one.is_late:
         return f"Run the same command again, which goes on with {one.candidate.label}, or give it more time."
     if one.is_present:
-        return "Estimate what the model has there with given values (--estimate), and run again."
+        return (
+            "Estimate what the model has there with given values, too (estimate = true under [parameters] of "
+            "daest.toml; --estimate alone would hold all others), and run again."
+        )
     return (
         f"Add {one.candidate.label} to the model (daest extend) and identify it, from sizes that make "
         "sense in the machine."
@@ -221,8 +229,10 @@ def _by_hand(evidence: Evidence, one: Unproved) -> str:
 
 def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | None) -> Decided:
     if len(accepted) == 1:
-        return _as_well_inside(evidence, accepted[0]) or Decided(
-            "supported", supported(evidence, accepted[0])
+        return (
+            _as_well_inside(evidence, accepted[0])
+            or _spoils(evidence, accepted[0])
+            or Decided("supported", supported(evidence, accepted[0]))
         )
     if accepted:
         return _cannot_tell(evidence, accepted)
@@ -249,16 +259,40 @@ def _as_well_inside(evidence: Evidence, proof: Proof) -> Decided | None:
     return replace(decided, message=decided.message + told)
 
 
-def beside_value(evidence: Evidence, decided: Decided, law: Proof, other: OtherValue) -> Decided:
-    """What was `decided`, where `other` says as much as an accepted law: a parameter makes no claim of a
-    law."""
+def _spoils(evidence: Evidence, proof: Proof) -> Decided | None:
+    """No claim for a law that takes errors from one output and gives them to another; None where it does not.
+    It may stand for something else, or be one of two things that are wrong."""
+    name, ratio = spoilt(evidence, proof)
+    if not name:
+        return None
     told = replace(
-        law,
-        verdict="not separable",
-        not_separable_from=(*law.not_separable_from, other.answer),
-        given_values=(*law.given_values, *other.given),
+        proof, verdict="not separable", not_separable_from=(*proof.not_separable_from, f"what acts on {name}")
     )
-    proofs = tuple(told if p is law else p for p in decided.proofs)
+    return Decided(
+        "cannot tell",
+        f"{proof.candidate.label} would do ({told_values(proof)}), but the simulation of {name} of unseen "
+        f"data gets {ratio:.3g} times worse with it: something else is missing or off besides, or instead."
+        + told_of(evidence, proof),
+        SPOILT.format(name=name),
+        tuple(told if p is proof else p for p in evidence.proofs),
+    )
+
+
+def beside_value(evidence: Evidence, decided: Decided, other: OtherValue) -> Decided:
+    """What was `decided`, where `other` says as much as one of the accepted laws, and is another answer
+    beside all of them: a parameter makes no claim of a law."""
+    law = next(p for p in decided.proofs if p.verdict != "rejected")
+    proofs = tuple(
+        p
+        if p.verdict == "rejected"
+        else replace(
+            p,
+            verdict="not separable",
+            not_separable_from=(*p.not_separable_from, other.answer),
+            given_values=(*p.given_values, *other.given),
+        )
+        for p in decided.proofs
+    )
     says = f"{other.answer}, says as much: {other.advice}."
     if decided.name != "supported":
         message = f"{decided.message} {says[0].upper()}{says[1:]}"
