@@ -424,8 +424,8 @@ def _stretches(loud: np.ndarray) -> list[np.ndarray]:
 
 
 def _turns_back(values: np.ndarray, loud: np.ndarray) -> bool:
-    """Whether the values at `loud` third differences go to and fro: what a sensor reads at every second sample
-    alone jumps at each of those, and goes on in one direction, as the machine does."""
+    """Whether the values at `loud` third differences go to and fro: a sensor that is refreshed at every
+    second sample jumps at each of those, and goes on in one direction, as the machine does."""
     part = values[loud[0] : loud[-1] + SPAN]
     way = float(np.sum(np.abs(np.diff(part))))
     return abs(float(part[-1] - part[0])) < DATA.goes_on * way
