@@ -236,6 +236,16 @@ def test_bursts_are_found_where_and_as_many_as_they_are():
         assert 24 <= finding.count <= 40 and "jumps to and fro" in finding.text, (seed, finding)
 
 
+def test_edges_of_a_sensor_that_is_read_at_every_second_sample_are_no_bursts():
+    """A wire that shortens within 25 samples, its length refreshed at every second one."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        time = np.arange(N // 2) * 2.0
+        length = 1000.0 * np.tanh((time - 600.0) / 8.0) - 900.0 * np.tanh((time - 2200.0) / 8.0)
+        y = np.repeat(length, 2) + rng.normal(size=N)
+        assert not warnings_of({"length": y}), seed
+
+
 def counted_twice(seed, sizes=(0.4, 0.3, 0.2)):
     """A wheel that runs down, whose pulses are counted twice in three stretches; its speed is smoothed."""
     rng = np.random.default_rng(seed)

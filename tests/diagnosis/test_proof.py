@@ -580,6 +580,47 @@ def test_same_law_at_a_place_that_the_sensors_see_alike_is_not_in_the_way():
     assert ranked([proof, replace(twin, fit=other, final=other)])[0].verdict == "rejected"
 
 
+def test_law_that_leaves_load_and_errors_gives_way_to_one_that_takes_the_load():
+    """A ripple of a shank that hangs in the air by a constant torque, which a slow load says as well."""
+    _, proof = proved()
+    told = proof.told
+    seen = told.simulated["validation"]
+
+    def with_errors(ratio, lasts):
+        unseen = replace(seen, rms={name: ratio * rms for name, rms in seen.rms.items()})
+        unseen = replace(unseen, white={name: rms / lasts for name, rms in unseen.rms.items()})
+        return replace(told, simulated={**told.simulated, "validation": unseen})
+
+    lasting = with_errors(1.0, 100.0)
+    ripple = replace(proof, explained=0.0, fit=lasting, final=lasting, adds_up=False)
+    near = with_errors(0.05, 5.0)
+    constant = replace(
+        ripple,
+        candidate=replace(proof.candidate, name="other"),
+        delta_log_likelihood=-1.0,
+        delta_bic=-6.0,
+        explained=0.76,
+        fit=near,
+        final=near,
+        verdict="rejected",
+        reason="the likelihood gains too little",
+    )
+
+    def verdict(ripple, constant):
+        return next(p.verdict for p in ranked([ripple, constant]) if p.candidate.name != "other")
+
+    assert verdict(ripple, constant) == "rejected"
+    assert verdict(replace(ripple, explained=0.8), constant) == "supported"
+    assert verdict(ripple, replace(constant, explained=0.2)) == "supported"  # it takes no load either
+    assert verdict(ripple, replace(constant, delta_log_likelihood=-50.0)) == "supported"  # it is lost
+    far = with_errors(0.8, 5.0)
+    assert verdict(ripple, replace(constant, fit=far, final=far)) == "supported"
+    passing = with_errors(1.0, 1.2)
+    assert verdict(replace(ripple, fit=passing, final=passing), constant) == "supported"
+    elsewhere = replace(constant.candidate, site=replace(proof.candidate.site, name="elsewhere"))
+    assert verdict(ripple, replace(constant, candidate=elsewhere)) == "supported"
+
+
 def test_size_as_large_as_it_can_be_is_no_weakness():
     prepared, proof = proved()
     assert weak(prepared, changed_size(proof.fit, at_bound="max", std_error=None), proof.fit) == ""

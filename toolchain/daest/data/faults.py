@@ -326,7 +326,8 @@ def _bursts(samples: Samples) -> list[Finding]:
         return []
     third = np.diff(samples.values, 3) / np.sqrt(20.0)
     sizes = np.abs(third)
-    found = [p for p in _stretches(np.flatnonzero(sizes > DATA.spike * samples.noise)) if _is_burst(third, p)]
+    loud = _stretches(np.flatnonzero(sizes > DATA.spike * samples.noise))
+    found = [p for p in loud if _is_burst(third, p) and _turns_back(samples.values, p)]
     inside = np.zeros(sizes.size, dtype=bool)
     for part in found:
         inside[part[0] : part[-1] + 1] = True
@@ -424,6 +425,14 @@ def _stretches(loud: np.ndarray) -> list[np.ndarray]:
     """The indices `loud` (n,) of third differences, ascending, in groups of those that share samples: such
     a difference spans four."""
     return np.split(loud, np.flatnonzero(np.diff(loud) > SPAN) + 1) if loud.size else []
+
+
+def _turns_back(values: np.ndarray, loud: np.ndarray) -> bool:
+    """Whether the values at `loud` third differences go to and fro: a sensor that is refreshed at every
+    second sample jumps at each of those, and goes on in one direction, as the machine does."""
+    part = values[loud[0] : loud[-1] + SPAN]
+    way = float(np.sum(np.abs(np.diff(part))))
+    return abs(float(part[-1] - part[0])) < DATA.goes_on * way
 
 
 def _is_burst(third: np.ndarray, loud: np.ndarray) -> bool:

@@ -162,7 +162,7 @@ def _behind_a_lag(
         except FAILURES:
             return None
         second = examine(beside, library, options, progress)
-        return with_lag(second, told_beside(lag, stand, beside), stand)
+        return with_lag(second, told_beside(lag, stand, beside), stand, found)
 
     lags = lags_in_the_way(found)
     if not lags or options.is_over:

@@ -38,7 +38,7 @@ from daest.diagnosis.recordings.holds import (
     unsettled_hold,
 )
 from daest.diagnosis.refits.elsewhere import ELSEWHERE, is_apart, led_elsewhere
-from daest.diagnosis.refits.held_back import lag_instead, lags_in_the_way, told_beside
+from daest.diagnosis.refits.held_back import foresees_no_better, lag_instead, lags_in_the_way, told_beside
 from daest.diagnosis.refits.rounds import accept, gains_beside, proved_again, proved_beside, with_kinks
 from daest.diagnosis.screening.candidates import fed
 from daest.diagnosis.screening.screen import promising_pairs
@@ -545,7 +545,9 @@ def _with_lag(task: _Task, path: _Path, diagnosis: Diagnosis, lag: Proof) -> lis
     told = told_beside(lag, path.stand, beside)
     step = Step(told, told.told, diagnosis, "only together with what follows", is_unproven=True)
     grown = _continued(task, _Path(beside, (*path.steps, step)))
-    return [one for one in grown if len(one.steps) > len(path.steps) + 1]
+    n_lag = len(path.steps) + 1
+    laws = [(one, one.steps[n_lag].proof) for one in grown if len(one.steps) > n_lag]
+    return [one for one, law in laws if law is None or not foresees_no_better(law, diagnosis)]
 
 
 def _in_turn(stand: Stand, one: Screened, other: Screened, jobs: int) -> tuple[Proof, Stand, Proof] | None:

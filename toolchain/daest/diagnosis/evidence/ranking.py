@@ -9,6 +9,7 @@ from itertools import starmap
 
 import numpy as np
 
+from daest.diagnosis.built_in.settled import LOST
 from daest.diagnosis.built_in.trials import Trial
 from daest.diagnosis.evidence.reasons import NO_BEND, NOT_SIGNIFICANT, STRAIGHT, is_significant
 from daest.diagnosis.evidence.unseen import is_worse
@@ -56,7 +57,8 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
     them, those come first that foresee unseen data clearly better, then the likeliest. A law that the best
     one only rounds otherwise (`_is_rounded_otherwise`) is not separable from it, either. Where a refused one
     is far more likely, none is the explanation."""
-    compared = _on_one_basis(_without_hopeless(_without_imitations(proofs)))
+    kept = _without_outrun(_without_imitations(proofs))
+    compared = _on_one_basis(_without_hopeless(kept))
     order = sorted(compared, key=lambda p: (p.verdict == "rejected", -_bic(p)))
     accepted = [p for p in order if p.verdict == "supported"]
     if not accepted:
@@ -155,6 +157,44 @@ def _without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
             proof = _refused(proof, reason)
         result.append(proof)
     return result
+
+
+def _without_outrun(proofs: Sequence[Proof]) -> list[Proof]:
+    """Laws that leave the load as it was and errors that last are refused where one at their place with no
+    more parameters takes the load, and simulates unseen data far better, though the likelihood beside a load
+    shows nothing of it: a slow load is as good as a constant torque, and a ripple that is not there then says
+    more than that."""
+    taking = [p for p in proofs if _takes_load_unseen(p)]
+    result = []
+    for proof in proofs:
+        outrunning = [p for p in taking if _outruns(p, proof)]
+        nearer = min(outrunning, key=partial(_unseen_ratio, proof), default=None)
+        if proof.verdict != "rejected" and nearer is not None:
+            label = nearer.candidate.label
+            reason = f"{label} takes the load, and simulates unseen data far better, but {nearer.reason}"
+            proof = _refused(proof, reason)
+        result.append(proof)
+    return result
+
+
+def _takes_load_unseen(proof: Proof) -> bool:
+    """Whether a law is refused for nothing but the likelihood beside a load, most of which it takes."""
+    is_found = proof.delta_log_likelihood > -LOST and proof.delta_bic < GATES.min_bic_gain
+    return proof.verdict == "rejected" and is_found and proof.explained >= GATES.min_explained
+
+
+def _outruns(one: Proof, other: Proof) -> bool:
+    a, b = one.candidate, other.candidate
+    if a.site != b.site or len(a.estimated) > len(b.estimated) or not leaves_load_and_errors(other):
+        return False
+    ratios = error_ratios(other.told.simulated, one.told.simulated)
+    return bool(ratios) and max(ratios) < GATES.max_told_ratio
+
+
+def leaves_load_and_errors(proof: Proof) -> bool:
+    """Whether a law that is judged beside loads leaves them as they were, and errors of a simulation of
+    unseen data that last."""
+    return not proof.is_by_use and proof.explained < GATES.min_explained and errors_last(proof)
 
 
 def _is_unknown_lag(proof: Proof) -> bool:

@@ -24,6 +24,7 @@ from daest.diagnosis.evidence.ranking import (
     errors_last,
     is_settled,
     leader_of,
+    leaves_load_and_errors,
     leaves_something,
     most_likely,
     ranked,
@@ -193,7 +194,8 @@ class Course:
             rest = []
         proofs = stages.proved(dynamic, proofs)[0] + proofs
         said: list[Proof] = []
-        if leader_of(proofs) is None:
+        leader = leader_of(proofs)
+        if leader is None or leaves_load_and_errors(leader):
             accounting = said_by_loads(null, self.loads.run, found)
             untried = _untried(accounting, [p.candidate for p in proofs])
             said = stages.proved(stages.prepared(untried), proofs)[0]

@@ -145,6 +145,14 @@ def _simulates_worse(both: Proof, stand: Stand) -> bool:
     return bool(ratios) and float(np.mean(np.square(ratios))) >= 1.0
 
 
+def foresees_no_better(law: Proof, alone: Diagnosis) -> bool:
+    """Whether the `law` beside a lag leaves most of the errors of simulated unseen data that one which is
+    accepted `alone` leaves: what is far above the noise of a sensor does not come from the lag, then."""
+    accepted = [p for p in alone.proofs if p.verdict != "rejected"]
+    ratios = [error_ratios(p.told.simulated, law.told.simulated) for p in accepted]
+    return any(max(one) > GATES.max_most_ratio for one in ratios if one)
+
+
 def told_beside(lag: Proof, stand: Stand, beside: Stand) -> Proof:
     """The proof of a lag by the model of `beside`, that of `stand` with the lag."""
     gain = beside.baseline.log_likelihood - stand.baseline.log_likelihood
@@ -161,12 +169,14 @@ def told_beside(lag: Proof, stand: Stand, beside: Stand) -> Proof:
     )
 
 
-def with_lag(second: Diagnosis, lag: Proof, stand: Stand) -> Diagnosis | None:
+def with_lag(second: Diagnosis, lag: Proof, stand: Stand, first: Diagnosis) -> Diagnosis | None:
     """The diagnosis beside a lag, with this told; None where it accepts nothing, nothing beside which the lag
-    is still there, or nothing with which unseen data are simulated any better than by the model of
-    `stand`."""
+    is still there, or nothing with which unseen data are simulated any better than by the model of `stand`,
+    or far better than by what the `first` diagnosis accepts without the lag."""
     accepted = [proof for proof in second.proofs if proof.verdict != "rejected"]
     if not accepted or _is_gone(lag, accepted[0]) or _simulates_worse(accepted[0], stand):
+        return None
+    if foresees_no_better(accepted[0], first):
         return None
     lag = replace(lag, final=accepted[0].told)  # beside what had held it back
     message = (
