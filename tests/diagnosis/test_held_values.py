@@ -6,12 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden_plants import INERTIA, NOISE, model, rotor_record
+from hidden_plants import INERTIA, NOISE, model, rotor_record, some_effects
 
 from daest.diagnosis import examine as examine_module
 from daest.diagnosis.answers import held_values as held_values_module
 from daest.diagnosis.answers.decided import Decided
 from daest.diagnosis.answers.held_values import OtherValue, other_value
+from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.evidence.stand import begin, halved
 from daest.diagnosis.examine import _with_values
 from daest.diagnosis.options import DiagnoseOptions
@@ -252,6 +253,22 @@ def test_a_value_is_an_answer_where_it_says_as_much_as_any_law_that_is_not_told_
     assert [p.given_values for p in found.proofs] == [("Y",), ("Y",)]
     ratios["alike"] = [0.3]
     assert asked() is decided
+
+
+@pytest.mark.parametrize(("share", "is_told"), [(1.2, True), (1.0, False)])
+def test_a_value_that_is_off_is_told_beside_the_law_whose_size_it_spoils(share, is_told):
+    """The stiffness of leaves beside a mass given 12 % off was 12 standard errors off, without a word."""
+    flat = model("SpeedRotor")
+    held = [
+        replace(p, value=share * INERTIA, estimate=False) if p.name == "J" else p for p in flat.parameters
+    ]
+    record, truth = rotor_record(1200, seed=3, coulomb=lambda phi: 0.2, noise=0.0)
+    noise = 0.01 * np.random.default_rng(3).standard_normal(1200)
+    speed = replace(record, outputs=(truth["w"] + noise)[:, None], output_names=("w",))
+    options, effects = DiagnoseOptions(hold="zoh"), some_effects("CoulombFriction")
+    found = diagnose(replace(flat, parameters=tuple(held)), effects, (speed,), (), options)
+    assert found.verdict == "supported"
+    assert ("Another value of `J` than the 0.6 kg.m2 that is given would take" in found.message) == is_told
 
 
 def test_the_sentence_names_both_values():

@@ -12,7 +12,7 @@ import numpy as np
 
 from daest.diagnosis.answers.changing_values import changing_value
 from daest.diagnosis.answers.decided import FROM_ELSEWHERE, Decided, Evidence
-from daest.diagnosis.answers.held_values import OtherValue, other_value
+from daest.diagnosis.answers.held_values import OtherValue, other_value, value_besides
 from daest.diagnosis.answers.learned import learned_load, said, with_formula
 from daest.diagnosis.answers.next_experiment import Asked, computed
 from daest.diagnosis.answers.parts import parts_of
@@ -163,6 +163,8 @@ def _examined(
     decided, beside_values = _with_values(stand, values.get, evidence, decided, options, progress)
     message = decided.message + (said(learned) if learned and decided.name == "unknown effect" else "")
     message += beside_values
+    if decided.name == "supported" and not options.is_over:
+        message += value_besides(stand, next(p for p in decided.proofs if p.verdict == "supported"))
     if decided.name not in ("supported", "nothing missing"):
         message += _said_of_inputs(null, stand.told)
     off = _off(stand) if decided.name != "supported" else None

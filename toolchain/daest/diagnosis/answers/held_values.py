@@ -15,18 +15,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daest.data.template import toml_key
+from daest.diagnosis.answers.decided import listed
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.evidence.noise_level import is_at_noise
 from daest.diagnosis.evidence.proof import bic_gain
 from daest.diagnosis.evidence.reasons import told_number
 from daest.diagnosis.evidence.stand import Stand, reference_of
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null_model.null import Null, refit
-from daest.diagnosis.screening.screen import NullObserver, value_scores
+from daest.diagnosis.null_model.null import Null, grown, refit
+from daest.diagnosis.screening.candidates import fed
+from daest.diagnosis.screening.screen import NullObserver, run_null, value_scores
 from daest.model.diagnosis import Proof
 from daest.model.fit import FitResult, FittedParameter, error_ratios
+from daest.model.flat import with_equations
 from daest.quantities import with_unit
+from daest.systems.reduction.reduce import reduce_index
 
+VALUE_BESIDES = (
+    " Another value of `{name}`{others} than the {given} that is given would take most of what is left: it "
+    "may be off, and the sizes told here with it. Estimate it, too ({how}), and diagnose again."
+)
 MOST_ALIKE = 3  # values that show alike, of which each is estimated
 
 
@@ -180,6 +188,30 @@ def most_telling(stand: Stand, run: NullObserver, names: Sequence[str]) -> Other
     alike = scores[name].alike
     is_all = is_at_noise(null, fit, after.fit)
     return OtherValue(told, held, bic_gain(gain, 1, null), tuple(ratios), alike, is_all)
+
+
+def value_besides(stand: Stand, law: Proof) -> str:
+    """A sentence on the held value of which another one would take most of what the load follows that an
+    accepted law leaves; empty where none does. The law has its right name then, and sizes that are off by
+    many of their standard errors. What a second effect leaves no value says."""
+    null = stand.null
+    held = {p.name: p for p in stand.declared.parameters if not (p.estimate or p.is_memory)}
+    names = [p.name for p in null.flat.parameters if p.name in held]
+    if law.left is None or not names:
+        return ""
+    with suppress(*FAILURES):
+        flat = with_equations(law.flat, "what a law leaves")
+        model = grown(null, flat, reduce_index(flat), law.fit, fed(null.experiments, law.candidate))
+        first, *_ = value_scores(model, run_null(model), names)
+        is_most = first.score**2 / 2.0 >= GATES.min_share_of_left * law.left.log_likelihood_gain
+        if first.p_value < GATES.missing_level and is_most:
+            return VALUE_BESIDES.format(
+                name=first.name,
+                others=f" (or of {listed(first.alike)}, which does the same)" if first.alike else "",
+                given=with_unit(f"{held[first.name].value:.4g}", held[first.name].unit),
+                how=in_project(first.name),
+            )
+    return ""
 
 
 def _likeliest(stand: Stand, names: Sequence[str]) -> tuple[str, FitResult] | None:
