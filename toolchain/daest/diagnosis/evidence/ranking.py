@@ -571,10 +571,11 @@ def _lasts(best: Proof, refused: Proof) -> bool:
 
 def _is_rival(one: Proof, best: Proof) -> bool:
     """Whether an accepted law is not put aside by the best one: it is as likely; or it foresees unseen data
-    clearly better, which counts where the rest of the model is not right either. One that goes beyond the
-    best by parameters that nobody knows is a rival where they make it likelier, since without them it is the
-    best one, which no data could tell it from; or as likely, if unseen data are simulated far better: then it
-    is another one. A law that is better in one output and worse in another is missing besides."""
+    clearly better, which counts where the rest of the model is not right either; or predictions speak for it
+    by more than simulations do for the best one. One that goes beyond the best by parameters that nobody
+    knows is a rival where they make it likelier, since without them it is the best one, which no data could
+    tell it from; or as likely, if unseen data are simulated far better: then it is another one. A law that is
+    better in one output and worse in another is missing besides."""
     if _is_of_the_kink(one, best):
         return False
     if _is_vague(one, best):
@@ -583,7 +584,20 @@ def _is_rival(one: Proof, best: Proof) -> bool:
         abs(_bic(best) - _bic(one)) <= GATES.same_bic
         or _unseen_ratio(best, one) < GATES.max_rival_error
         or _is_as_good(best, one)
+        or _is_foretold_better(one, best)
     )
+
+
+def _is_foretold_better(one: Proof, best: Proof) -> bool:
+    """Whether a law, of two that their simulations show, is so much likelier beside loads that it is clearly
+    ahead by both together, for the price of its parameters: an outlet that takes a parameter's drift along
+    simulates better than the constant flow that is there, and predicts worse."""
+    if not (one.is_by_use and best.is_by_use) or one.in_use.piece or best.in_use.piece:
+        return False
+    beside = one.fit.log_likelihood - best.fit.log_likelihood
+    used = one.delta_log_likelihood - best.delta_log_likelihood
+    price = 2.0 * used - (one.delta_bic - best.delta_bic)
+    return 2.0 * (beside + used) - price >= GATES.min_bic_gain
 
 
 def _is_far_nearer(one: Proof, best: Proof) -> bool:
