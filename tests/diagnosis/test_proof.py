@@ -1521,6 +1521,25 @@ def test_law_of_a_simulation_is_none_beside_one_that_the_loads_leave_far_likelie
     assert ranked([near, replace(proof, in_use=little)])[0].candidate is name, "much may go into the loads"
 
 
+@pytest.mark.parametrize(("behind", "n_told"), [(0.0, 1), (23.0, 2)])
+def test_law_of_a_simulation_is_not_alone_where_predictions_speak_for_another_by_more(behind, n_told):
+    """A free outlet simulates two tanks, of which a conductance drifts, a little better than the dead zone of
+    their pump, a constant flow, and is far less likely beside loads."""
+    _, proof = proved()
+    used = InUse(fitted=2.65, unseen=1.67, n_independent=38.0, n_unseen=23.3, certainty=6.9)
+    flow = replace(proof, in_use=used, is_by_use=True, adds_up=False, ahead=(), equivalent=())
+    outlet = replace(
+        flow,
+        candidate=replace(
+            flow.candidate, name="effect_other", site=replace(flow.candidate.site, name="other")
+        ),
+        fit=replace(flow.fit, log_likelihood=flow.fit.log_likelihood - behind),
+        in_use=replace(used, fitted=2.88, unseen=2.0),
+    )
+    found = [p for p in ranked([outlet, flow]) if p.verdict != "rejected"]
+    assert found[0].candidate is outlet.candidate and len(found) == n_told
+
+
 @pytest.mark.parametrize(
     ("behind", "error", "verdict"), [(15.0, 2.0, "rejected"), (5.0, 2.0, ""), (15.0, 1.05, "")]
 )
