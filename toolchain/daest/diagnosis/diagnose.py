@@ -107,7 +107,8 @@ def _from_inside(
         return examined(other, *begun(other))
 
     def held(hold: Hold) -> tuple[Sequence[Proof], Diagnosis]:
-        return again(replace(options, tried=hold, near=known_values(asis.null.fit)))
+        known = asis.null.other_fit if hold == asis.null.other_hold else None
+        return again(replace(options, tried=hold, near=known_values(asis.null.fit), known=known))
 
     try:
         found = examine(stand, library, options, progress, holds.watched)
