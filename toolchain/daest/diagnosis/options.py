@@ -47,8 +47,9 @@ class DiagnoseOptions:
     recordings: straight lines then stand for what was held. `slowest_load` limits the time constants of
     unknown loads [s], where it is known how slow they are (None: the length of the record does). `near`
     are parameter values that are known from the other hold, from which the search of the model as it is
-    begins, and `known` is the fit with the hold that is tried, where there is one. After `time_limit` seconds no further refit is made, and those that run are given up: from
-    the moment `until` of `time.monotonic` on."""
+    begins, and `known` is the fit with the hold that is tried, where there is one. After `time_limit` seconds
+    no further refit is made, and those that run are given up: from the moment `until` of `time.monotonic`
+    on."""
 
     effects: tuple[str, ...] = ()
     places: tuple[str, ...] = ()

@@ -40,9 +40,9 @@ GIVEN_LOADS = (5.0, 50.0)  # sampling periods, where the data do not determine a
 class Null:
     """`flat` is the model with the loads attached and all values at the estimate; `fit` the fit of that
     model. `other_hold` is that of the inputs which the user has not ruled out, and fits worse by `hold_lead`
-    in log-likelihood; `other_fit` is the whole fit with it, None where it is not one of the same experiments, and
-    `other_experiments` are those for it where the experiments are coarser than the
-    recordings, and their inputs straight lines either way. `recorded_hold` is that of the recordings, and
+    in log-likelihood; `other_fit` is the whole fit with it, None where it is not one of the same experiments,
+    and `other_experiments` are those for it where the experiments are coarser than the recordings, and their
+    inputs straight lines either way. `recorded_hold` is that of the recordings, and
     `is_hold_given` whether the user says so. No time constant of a load is above `slowest` [s]; None: the
     length of the record limits it. `alone` is the fit by simulation without loads, None where it was not
     asked for, and `is_upright` tells that it is one in segments of a machine that falls over."""
