@@ -18,6 +18,7 @@ from daest.diagnosis.answers.told_beside import told_whole
 from daest.diagnosis.built_in.chosen import chosen_candidates
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.evidence.load_starts import QUICK, says_as_much_as_starts
+from daest.diagnosis.evidence.ranking import best_accepted
 from daest.diagnosis.evidence.stand import Stand, begin, halved, limited, without_noises
 from daest.diagnosis.examine import examine
 from daest.diagnosis.null_model.null import known_values, without_memory
@@ -114,7 +115,7 @@ def _from_inside(
         found = examine(stand, library, options, progress, holds.watched)
     except HeldOtherwiseError as shown:
         progress(AGAIN.format(hold_text(shown.hold)))
-        proofs, told = held(shown.hold)
+        proofs, told = held(shown.hold, wants_law=best_accepted(shown.proofs) is not None)
         if says_as_much(proofs, shown.proofs):
             return told
         found = examine(stand, library, options, progress)
@@ -141,7 +142,7 @@ def _from_inside(
     if hold is None or options.is_over:
         return told_whole(found, stand, limits)
     progress((AGAIN if better else IN_VAIN).format(hold_text(hold)))
-    proofs, told = held(hold, wants_law=not better)
+    proofs, told = held(hold, wants_law=not better or best_accepted(found.proofs) is not None)
     is_second = says_as_much(proofs, found.proofs) if better else says_more(proofs, found.proofs, stand)
     return told if is_second else told_whole(found, stand, limits)
 
