@@ -226,7 +226,8 @@ def test_a_look_for_a_law_ends_where_none_can_come(monkeypatch):
 def test_a_look_for_a_law_asks_nothing_once_there_is_none(monkeypatch):
     monkeypatch.delattr(examining, "other_value")
     monkeypatch.delattr(examining, "learned_load")
-    found = examine(rubbing(), some_effects("Lag"), DiagnoseOptions(jobs=1), wants_law=True)
+    stand = replace(rubbing(), reference=replace(rubbing().reference, adds_up=False))
+    found = examine(stand, some_effects("Lag"), DiagnoseOptions(jobs=1), wants_law=True)
     assert found.proofs and all(proof.verdict == "rejected" for proof in found.proofs)
 
 
