@@ -228,7 +228,8 @@ def test_a_look_for_a_law_asks_nothing_once_there_is_none(monkeypatch):
     monkeypatch.delattr(examining, "learned_load")
     stand = replace(rubbing(), reference=replace(rubbing().reference, adds_up=False))
     found = examine(stand, some_effects("Lag"), DiagnoseOptions(jobs=1), wants_law=True)
-    assert found.proofs and all(proof.verdict == "rejected" for proof in found.proofs)
+    verdicts = [proof.verdict for proof in found.proofs]
+    assert set(verdicts) <= {"rejected"} and found.disturbance is None and found.learned is None
 
 
 @cache
