@@ -262,7 +262,7 @@ def test_no_second_lag_beside_one_that_has_let_no_law_in(monkeypatch):
 
 def test_a_lag_is_looked_beside_with_the_inputs_held_otherwise_too(monkeypatch):
     """As improve does: the radiation of an oven behind a late heater had been found by that alone."""
-    stand = SimpleNamespace(null=SimpleNamespace(fit=None))
+    stand = SimpleNamespace(null=SimpleNamespace(fit=None, other_hold="zoh", other_fit="known"))
     nothing, both = (
         SimpleNamespace(proofs=proofs, is_of_starts=False, told=told)
         for proofs, told in (((), "nothing"), (("lag", "radiation"), "both"))
@@ -271,7 +271,12 @@ def test_a_lag_is_looked_beside_with_the_inputs_held_otherwise_too(monkeypatch):
 
     def begin(*of):
         begun.append(of[3].tried)
+        assert of[3].known == (None if of[3].tried is None else "known"), "its fit is not made again"
         return stand
+
+    def examine(*_, wants_law=False):
+        assert wants_law is (begun == [None, "zoh"]), "without a law the second one is of no use"
+        return nothing
 
     def behind_a_lag(*_):
         return both if begun == [None, "zoh"] else None
@@ -279,7 +284,7 @@ def test_a_lag_is_looked_beside_with_the_inputs_held_otherwise_too(monkeypatch):
     for name, made in {
         "begin": begin,
         "limited": lambda one, *_: (one, ()),
-        "examine": lambda *_: nothing,
+        "examine": examine,
         "_behind_a_lag": behind_a_lag,
         "led_elsewhere": lambda *_: None,
         "known_values": lambda _: {},

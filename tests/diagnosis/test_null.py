@@ -10,6 +10,7 @@ import pytest
 from hidden_plants import library, model, quiet, rotor_null, rotor_record, rubbing, some_effects
 
 from daest.data.prepare import resample
+from daest.diagnosis import examine as examining
 from daest.diagnosis.comparison.compare import compare_models
 from daest.diagnosis.comparison.trial import Candidate
 from daest.diagnosis.diagnose import diagnose
@@ -192,6 +193,43 @@ def test_hold_of_recordings_that_were_made_coarser():
     assert null.experiments == (held,) and null.other_experiments == (straight,)
     other = with_other_hold(null)
     assert (other.recorded_hold, other.hold, other.experiments) == ("foh", "foh", (straight,))
+
+
+def test_the_fit_with_the_other_hold_is_made_once(monkeypatch):
+    record, _ = rotor_record(300)
+    quiet_model, places = without_noises(model()), [s for s in sites(model()) if s.kind == "node"]
+    null = fit_null(quiet_model, places, [record], None)
+    assert null.other_fit is not None and null.other_fit.hold == null.other_hold
+    assert null.fit.log_likelihood - null.other_fit.log_likelihood == pytest.approx(null.hold_lead)
+    monkeypatch.delattr(nulls, "_loaded_fit")
+    again = fit_null(quiet_model, places, [record], null.other_hold, known=null.other_fit)
+    assert again.fit is null.other_fit and again.hold == null.other_hold
+    held = replace(quiet_model, parameters=tuple(replace(p, estimate=False) for p in quiet_model.parameters))
+    with pytest.raises(NameError):  # of other unknowns it is another fit
+        fit_null(held, places, [record], null.other_hold, known=null.other_fit)
+
+
+def test_a_look_for_a_law_ends_where_none_can_come(monkeypatch):
+    """A simulation in pieces, or a load that begins with the recording, may still show one."""
+    verdicts = [SimpleNamespace(verdict="rejected")]
+    monkeypatch.setattr(examining, "decide", lambda _: SimpleNamespace(proofs=verdicts))
+    plain, adding = (SimpleNamespace(reference=SimpleNamespace(adds_up=one)) for one in (False, True))
+    silent, starting = SimpleNamespace(starts=()), SimpleNamespace(starts=("load",))
+    assert examining._is_without_law(plain, None, silent)
+    assert not examining._is_without_law(adding, None, silent)
+    assert not examining._is_without_law(plain, None, starting)
+    verdicts.append(SimpleNamespace(verdict="not separable"))
+    assert not examining._is_without_law(plain, None, silent)
+
+
+@pytest.mark.slow
+def test_a_look_for_a_law_asks_nothing_once_there_is_none(monkeypatch):
+    monkeypatch.delattr(examining, "other_value")
+    monkeypatch.delattr(examining, "learned_load")
+    stand = replace(rubbing(), reference=replace(rubbing().reference, adds_up=False))
+    found = examine(stand, some_effects("Lag"), DiagnoseOptions(jobs=1), wants_law=True)
+    verdicts = [proof.verdict for proof in found.proofs]
+    assert set(verdicts) <= {"rejected"} and found.disturbance is None and found.learned is None
 
 
 @cache

@@ -99,3 +99,11 @@ def test_compiled_slopes_of_varying_gains_are_those_of_the_plain_steps(n, n_y, v
         assert found.shape == known.shape
         assert np.allclose(found, known, rtol=1e-9, atol=1e-9 * np.max(np.abs(known)))
     assert np.allclose(compiled.K, plain.K)
+    # Of values alone nothing is computed sample by sample but these.
+    monkeypatch.delattr(riccati, "_varying_slopes")
+    none = NoiseModel(*(part[:0] for part in (change.Phi, change.C, change.Q, change.R, change.S12)))
+    alone, nothing = varying_gains(noise, none, observed, start[0], start[1][:0])
+    assert np.array_equal(alone.K, plain.K) and np.array_equal(alone.S, plain.S)
+    assert [part.shape for part in (nothing.K, nothing.S, nothing.P)] == [
+        (0, *part.shape) for part in (plain.K, plain.S, plain.P)
+    ]

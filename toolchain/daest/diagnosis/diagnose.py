@@ -18,6 +18,7 @@ from daest.diagnosis.answers.told_beside import told_whole
 from daest.diagnosis.built_in.chosen import chosen_candidates
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.evidence.load_starts import QUICK, says_as_much_as_starts
+from daest.diagnosis.evidence.ranking import best_accepted
 from daest.diagnosis.evidence.stand import Stand, begin, halved, limited, without_noises
 from daest.diagnosis.examine import examine
 from daest.diagnosis.null_model.null import known_values, without_memory
@@ -97,23 +98,24 @@ def _from_inside(
         return limited(begin(flat, experiments, validation, other, progress), library, other)
 
     def examined(
-        other: DiagnoseOptions, there: Stand, its_limits: tuple[Proof, ...]
+        other: DiagnoseOptions, there: Stand, its_limits: tuple[Proof, ...], wants_law: bool = False
     ) -> tuple[Sequence[Proof], Diagnosis]:
-        second = examine(there, library, other, progress)
+        second = examine(there, library, other, progress, wants_law=wants_law)
         second = _behind_a_lag(there, second, library, other, progress) or second
         return second.proofs, told_whole(second, there, its_limits)
 
-    def again(other: DiagnoseOptions) -> tuple[Sequence[Proof], Diagnosis]:
-        return examined(other, *begun(other))
+    def again(other: DiagnoseOptions, wants_law: bool = False) -> tuple[Sequence[Proof], Diagnosis]:
+        return examined(other, *begun(other), wants_law)
 
-    def held(hold: Hold) -> tuple[Sequence[Proof], Diagnosis]:
-        return again(replace(options, tried=hold, near=known_values(asis.null.fit)))
+    def held(hold: Hold, wants_law: bool = False) -> tuple[Sequence[Proof], Diagnosis]:
+        known = asis.null.other_fit if hold == asis.null.other_hold else None
+        return again(replace(options, tried=hold, near=known_values(asis.null.fit), known=known), wants_law)
 
     try:
         found = examine(stand, library, options, progress, holds.watched)
     except HeldOtherwiseError as shown:
         progress(AGAIN.format(hold_text(shown.hold)))
-        proofs, told = held(shown.hold)
+        proofs, told = held(shown.hold, wants_law=best_accepted(shown.proofs) is not None)
         if says_as_much(proofs, shown.proofs):
             return told
         found = examine(stand, library, options, progress)
@@ -132,7 +134,7 @@ def _from_inside(
         there, its_limits = begun(elsewhere)
         if is_apart(there, stand):
             progress(ELSEWHERE)
-            proofs, told = examined(elsewhere, there, its_limits)
+            proofs, told = examined(elsewhere, there, its_limits, wants_law=True)
             if says_more(proofs, found.proofs, stand):
                 return told
     better, other = holds.better(found.proofs), unsettled_hold(stand, found)
@@ -140,7 +142,7 @@ def _from_inside(
     if hold is None or options.is_over:
         return told_whole(found, stand, limits)
     progress((AGAIN if better else IN_VAIN).format(hold_text(hold)))
-    proofs, told = held(hold)
+    proofs, told = held(hold, wants_law=not better or best_accepted(found.proofs) is not None)
     is_second = says_as_much(proofs, found.proofs) if better else says_more(proofs, found.proofs, stand)
     return told if is_second else told_whole(found, stand, limits)
 
@@ -161,7 +163,7 @@ def _behind_a_lag(
             beside = accept(stand, lag, options.jobs)
         except FAILURES:
             return None
-        second = examine(beside, library, options, progress)
+        second = examine(beside, library, options, progress, wants_law=True)
         return with_lag(second, told_beside(lag, stand, beside), stand, found)
 
     lags = lags_in_the_way(found)

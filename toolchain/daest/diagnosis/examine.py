@@ -45,7 +45,16 @@ from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
 from daest.diagnosis.screening.free_forms import free_forms, keep_forms
 from daest.diagnosis.screening.passed_once import back_on_their_way
 from daest.diagnosis.screening.screen import NullObserver, run_null, screen
-from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
+from daest.model.diagnosis import (
+    Candidate,
+    Diagnosis,
+    FreeForm,
+    LearnedLoad,
+    PlaceGain,
+    Proof,
+    Screen,
+    Unproved,
+)
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
@@ -68,11 +77,14 @@ def examine(
     options: DiagnoseOptions,
     progress: Progress = lambda _: None,
     watched: Callable[[Sequence[Proof]], None] = lambda _: None,
+    *,
+    wants_law: bool = False,
 ) -> Diagnosis:
     """Screen, proof and verdict for a fitted null. `watched` sees the first refits, best first, and may end
-    the examination by what it raises."""
+    the examination by what it raises. One that `wants_law` is of use with an accepted law only: without one
+    it ends when that is known, and tells no more than the proofs."""
     with quiet(), workers(options.jobs, options.cluster) as pool:
-        return _examined(stand, library, options, progress, watched, pool)
+        return _examined(stand, library, options, progress, watched, pool, wants_law)
 
 
 def _examined(
@@ -82,6 +94,7 @@ def _examined(
     progress: Progress,
     watched: Callable[[Sequence[Proof]], None],
     pool: Workers,
+    wants_law: bool,
 ) -> Diagnosis:
     beside: list[_Beside] = []
     places = sites_left(stand.declared, stand.null.flat)
@@ -119,7 +132,7 @@ def _examined(
         stand = replace(stand, reference=known)
     null = stand.null
     values = _Values(stand, run, pool)
-    if found.p_value < GATES.missing_level:
+    if found.p_value < GATES.missing_level and not wants_law:
         values.begin()
     chosen_library = [
         e for e in library if not options.effects or {e.name, e.class_name} & set(options.effects)
@@ -152,6 +165,8 @@ def _examined(
     )
     if proofs and not options.is_over:
         evidence = replace(evidence, earlier=_earlier(stand, proofs))
+    if wants_law and _is_without_law(stand, evidence, loads):
+        return _told_in_short(stand, decide(evidence), found, gains, unproved, is_whole)
     evidence, decided, learned = _decided(stand, run, evidence, loads, options, progress)
     if decided.name in OPEN and not _says_most(stand, learned):
         proofs, is_in_time = course.in_pieces(proofs)
@@ -192,6 +207,41 @@ def _examined(
         is_whole=is_whole,
         is_by_colour=decided.is_by_colour,
         is_of_starts=decided.is_of_starts,
+    )
+
+
+def _is_without_law(stand: Stand, evidence: Evidence, loads: Loads) -> bool:
+    """Whether no law is accepted, nor will be by anything that comes behind the refits: by a simulation in
+    pieces, where errors add up, or beside a load that begins with the recordings."""
+    may_be_shown = stand.reference is not None and stand.reference.adds_up
+    if may_be_shown or loads.starts:
+        return False
+    return all(proof.verdict == "rejected" for proof in decide(evidence).proofs)
+
+
+def _told_in_short(
+    stand: Stand,
+    decided: Decided,
+    found: Screen,
+    gains: tuple[PlaceGain, ...],
+    unproved: tuple[Unproved, ...],
+    is_whole: bool,
+) -> Diagnosis:
+    """What an examination without an accepted law says that is of no use without one."""
+    return Diagnosis(
+        verdict=decided.name,
+        message=decided.message,
+        baseline=stand.told,
+        proofs=decided.proofs,
+        unproved=unproved,
+        screen=found,
+        places=gains,
+        disturbance=None,
+        validation=stand.told.simulated.get("validation"),
+        next_experiment=decided.next_experiment,
+        seconds=time.perf_counter() - stand.began,
+        is_held=not stand.null.estimated,
+        is_whole=is_whole,
     )
 
 

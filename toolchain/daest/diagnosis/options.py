@@ -12,6 +12,7 @@ from daest.diagnosis.built_in.trials import Prepared
 from daest.diagnosis.screening.clipping import Clip, clips_of
 from daest.model.diagnosis import Proof
 from daest.model.experiment import Experiment
+from daest.model.fit import FitResult
 from daest.model.flat import Model
 from daest.model.holds import Hold
 
@@ -46,8 +47,9 @@ class DiagnoseOptions:
     recordings: straight lines then stand for what was held. `slowest_load` limits the time constants of
     unknown loads [s], where it is known how slow they are (None: the length of the record does). `near`
     are parameter values that are known from the other hold, from which the search of the model as it is
-    begins. After `time_limit` seconds no further refit is made, and those that run are given up: from
-    the moment `until` of `time.monotonic` on."""
+    begins, and `known` is the fit with the hold that is tried, where there is one. After `time_limit` seconds
+    no further refit is made, and those that run are given up: from the moment `until` of `time.monotonic`
+    on."""
 
     effects: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
@@ -63,6 +65,7 @@ class DiagnoseOptions:
     held: tuple[Sequence[Experiment], Sequence[Experiment]] | None = None
     slowest_load: float | None = None
     near: Mapping[str, float] = field(default_factory=dict)
+    known: FitResult | None = None
     time_limit: float = math.inf
     until: float = math.inf
 

@@ -162,8 +162,11 @@ void daest_gain_slopes(long p, long samples, long n, long m, const double *Phi, 
                        const double *dC, const double *dQ, const double *dR, const double *dS12, const long *varies,
                        const unsigned char *seen, const double *K, const double *inverse, const double *P, double *dP,
                        double *dS, double *dK) {
-  gain_slopes(p, samples, STATES ? STATES : (int)n, (int)m, Phi, C, dPhi, dC, dQ, dR, dS12, varies, seen, K, inverse, P, dP, dS,
-              dK);
+  const int states = STATES ? STATES : (int)n;
+  if (m == 1) /* a loop of known length */
+    gain_slopes(p, samples, states, 1, Phi, C, dPhi, dC, dQ, dR, dS12, varies, seen, K, inverse, P, dP, dS, dK);
+  else
+    gain_slopes(p, samples, states, (int)m, Phi, C, dPhi, dC, dQ, dR, dS12, varies, seen, K, inverse, P, dP, dS, dK);
 }
 
 #endif

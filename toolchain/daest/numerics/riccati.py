@@ -334,6 +334,8 @@ def varying_gains(
     K; only this recursion and that of P itself go sample by sample.
     """
     value = _varying_values(noise, observed, P0)
+    if not len(dP0):  # values alone are asked for
+        return value, Gains(*(np.zeros((0, *part.shape)) for part in (value.K, value.S, value.P)))
     matrices = (noise.Phi, noise.C, change.Phi, change.C, change.Q, change.R, change.S12)
     found = GainChange(*matrices, observed, value.K, value.S, value.P, dP0).compiled()
     return value, Gains(*found) if found is not None else _varying_slopes(noise, change, observed, value, dP0)
@@ -364,10 +366,11 @@ def _varying_slopes(
 def _varying_values(noise: NoiseModel, observed: np.ndarray, P0: np.ndarray) -> Gains:
     """P, K and S sample by sample, by the step of the Kalman filter with all signals zero."""
     n_samples, n, n_y = observed.shape[0], P0.shape[0], observed.shape[1]
-    rows, mode = np.unique(observed, axis=0, return_inverse=True)
     varies = max(noise.Phi.ndim, noise.Q.ndim, noise.S12.ndim) > 2
     if varies:
         rows, mode = observed, np.arange(n_samples)
+    else:
+        rows, mode = np.unique(observed, axis=0, return_inverse=True)
     now = _per_sample(noise, rows, 0) if varies else _by_pattern(noise, rows)
     R = now.R + (~rows)[:, :, None] * np.eye(n_y)
     parts = (now.Phi, now.C, now.Q, now.S12, R, np.zeros((1, 0, 0)), np.zeros((1, 0, n_y)))
@@ -514,8 +517,10 @@ def forgetting_model(noise: NoiseModel, change: NoiseModel | None) -> tuple[Nois
         return still, None
     directions = change.Phi.reshape(change.Phi.shape[0], -1, *change.Phi.shape[-2:])[:, 0]
     turned = onto.turning(first, noise.C, directions, change.C)
-    turned = turned.reshape(turned.shape[0], *(1,) * (noise.Phi.ndim - 2), *turned.shape[1:])
-    return still, replace(change, Phi=change.Phi - change.Phi @ onto.whole - noise.Phi @ turned)
+    # The steps one below the other: one product for each direction instead of one for each step.
+    p, n = turned.shape[:2]
+    by_turning = (noise.Phi.reshape(-1, n) @ turned).reshape(p, *noise.Phi.shape)
+    return still, replace(change, Phi=change.Phi - change.Phi @ onto.whole - by_turning)
 
 
 class _Projection:

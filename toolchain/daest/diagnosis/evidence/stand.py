@@ -85,7 +85,7 @@ def begin(
     def null_of(quiet: FlatModel, near: Mapping[str, float]) -> Null:
         coarse = None if held is None else held[0]
         given = (options.hold or options.tried, coarse, options.slowest_load, near or options.near)
-        null = fit_null(quiet, load_sites(flat), both[0], *given)
+        null = fit_null(quiet, load_sites(flat), both[0], *given, None if near else options.known)
         return replace(null, is_hold_given=options.hold is not None)
 
     def unseen(hold: Hold | None) -> tuple[Experiment, ...]:

@@ -40,8 +40,9 @@ GIVEN_LOADS = (5.0, 50.0)  # sampling periods, where the data do not determine a
 class Null:
     """`flat` is the model with the loads attached and all values at the estimate; `fit` the fit of that
     model. `other_hold` is that of the inputs which the user has not ruled out, and fits worse by `hold_lead`
-    in log-likelihood; `other_experiments` are those for it where the experiments are coarser than the
-    recordings, and their inputs straight lines either way. `recorded_hold` is that of the recordings, and
+    in log-likelihood; `other_fit` is the whole fit with it, None where it is not one of the same experiments,
+    and `other_experiments` are those for it where the experiments are coarser than the recordings, and their
+    inputs straight lines either way. `recorded_hold` is that of the recordings, and
     `is_hold_given` whether the user says so. No time constant of a load is above `slowest` [s]; None: the
     length of the record limits it. `alone` is the fit by simulation without loads, None where it was not
     asked for, and `is_upright` tells that it is one in segments of a machine that falls over."""
@@ -55,6 +56,7 @@ class Null:
     hold: Hold
     other_hold: Hold | None = None
     hold_lead: float = 0.0
+    other_fit: FitResult | None = None
     other_experiments: tuple[Experiment, ...] | None = None
     recorded_hold: Hold | None = None
     slowest: float | None = None
@@ -123,10 +125,12 @@ def fit_null(
     held: Sequence[Experiment] | None = None,
     slowest: float | None = None,
     near: Mapping[str, float] | None = None,
+    known: FitResult | None = None,
 ) -> Null:
     """Fit the null to the experiments; to those `held`, if they are given, where the inputs of the recordings
     were. The parameters that `flat` marks are estimated. `slowest` [s] limits the time constants of loads.
-    The search begins `near` values that are known, as those with the other hold (`known_values`).
+    The search begins `near` values that are known, as those with the other hold (`known_values`); with the
+    hold of a `known` fit of the same unknowns (`other_fit`), that fit is taken.
 
     Without `hold`, the only possible or the more likely one is taken: the loads must be there when the holds
     are compared, for half a sample of delay is little beside a load, but a finding once the load is
@@ -155,10 +159,15 @@ def fit_null(
     alone = _Alone(flat, driving_by)
     is_held = not near and not is_affine and falls_over(explicit, experiments)
     upright = alone.upright(asked) if is_held else None
+    unknown = {*times, *(p.name for p in flat.parameters if p.estimate)}
+    if known is not None and unknown == {p.name for p in known.parameters}:
+        fits[known.hold] = known
     if upright is not None:
         asked, near = upright.holds, known_values(upright.fit)
 
     def likelihood(one: Hold) -> float:
+        if one in fits:
+            return fits[one].log_likelihood
         driving = driving_by(one)
         # The holds differ by half a sample: the second search begins where the first one has ended.
         led = known_values(max(fits.values(), key=lambda fit: fit.log_likelihood, default=None))
@@ -181,7 +190,14 @@ def fit_null(
         return null
     lead = fits[best].log_likelihood - fits[others[0]].log_likelihood
     apart = None if held is None else as_recorded(experiments, held, others[0])
-    return replace(null, other_hold=others[0], hold_lead=lead, other_experiments=apart)
+    is_alike = held is None and upright is None
+    return replace(
+        null,
+        other_hold=others[0],
+        hold_lead=lead,
+        other_fit=fits[others[0]] if is_alike else None,
+        other_experiments=apart,
+    )
 
 
 def are_driven_off(found: Mapping[str, float], given: Mapping[str, float]) -> bool:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -61,6 +62,17 @@ class Record:
     @property
     def is_complete(self) -> bool:
         return bool(np.all(self.observed))
+
+    @cached_property
+    def octaves(self) -> tuple[list[np.ndarray], np.ndarray]:
+        """The different step lengths, ascending, by octave; and which of them each step is, (n_samples - 1,):
+        asked for at every point of a search."""
+        steps = np.diff(self.time)
+        rounded = np.rint(steps / (FIT.equal_periods * np.mean(steps))).astype(np.int64)
+        _, first, which = np.unique(rounded, return_index=True, return_inverse=True)
+        distinct = steps[first]
+        octaves = np.floor(np.log2(distinct / distinct[0]) + 1e-12).astype(int)
+        return [distinct[octaves == octave] for octave in np.unique(octaves)], which
 
 
 def make_record(experiment: Experiment, family: StateSpaceFamily, hold: Hold = FOH) -> Record:
