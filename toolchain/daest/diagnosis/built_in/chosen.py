@@ -32,8 +32,8 @@ def chosen_candidates(
     are not `taken`. What is recorded and does nothing in the model may be what a law needs: columns, and
     `unused` inputs. No dead time of the one output of a model whose inputs keep their levels: what runs by
     itself is as late where it began elsewhere. Nothing with states of its own at an input that is zero, and
-    no bend at one that takes no more than two values: between them any law is a gain with an offset. No law of a sensor
-    that is hardly ever read, unless it is asked for: through a few samples many laws go."""
+    no bend at one that takes no more than two values: between them any law is a gain with an offset. No law
+    of a sensor that is hardly ever read, unless it is asked for: through a few samples many laws go."""
     library = [_within_samples(effect, experiments) for effect in library]
     recorded = [*unused, *experiments[0].extra]
     columns = [name for name in recorded if _is_new_signal(name, experiments, unused)]
