@@ -32,6 +32,14 @@ def test_more_than_half_of_a_short_recording_estimates_where_that_is_enough(fold
     assert said in (folder / "daest.toml").read_text()
 
 
+def test_share_that_estimates_is_one_of_the_time(folder, daest):
+    """Of 81 samples that get ever rarer, as in a test of a well, most are in the first half of the time."""
+    rows = [f"{1.04**k:.4f},{0.1 * k},{0.2 * k}" for k in range(81)]
+    (folder / "well.csv").write_text("\n".join(["time,u,y", *rows]) + "\n")
+    assert daest("init", "Lag.mo", "well.csv")[0] == 0
+    assert load_project().preparation.split == 0.5
+
+
 DECAY = """model Decay
   parameter Real T(unit = "s") = 0.3;
   output Real y(unit = "V", start = 1, fixed = false);

@@ -135,6 +135,23 @@ def test_what_is_zero_is_not_late(forces):
     assert late([moved, rest[1]]) == {*at_force, "Lag at speed", "Delay at speed"}
 
 
+def test_sensor_that_is_hardly_ever_read_has_no_law():
+    """Through six samples of a sensor goes a drift as well as the growth that they show."""
+    text = ROLL_OUT.replace("equation", '  output Real wheel(unit = "m/s");\nequation\n  wheel = v;')
+    places = sites(compile_text(text.encode(), Path("RollOut.mo")))
+    outputs = np.ones((60, 2))
+    outputs[np.arange(60) % 10 > 0, 1] = np.nan
+    record = Experiment("run", np.arange(60.0), np.zeros((60, 0)), outputs, (), ("speed", "wheel"))
+
+    def at_sensors(records, **asked):
+        found = chosen_candidates(effect_library(), places, records, DiagnoseOptions(**asked))
+        return {c.site.name for c in found if c.site.kind == "output"}
+
+    assert at_sensors([record]) == {"speed"}
+    assert at_sensors([record] * 4) == {"speed", "wheel"}, "all recordings together read it often enough"
+    assert at_sensors([record], places=("wheel",)) == {"wheel"}, "who asks for it gets it"
+
+
 @pytest.mark.parametrize("levels", [(4.0, 12.0), (4.0, 8.0, 12.0)])
 def test_two_levels_of_an_input_show_no_bend(levels):
     """A line goes through two points, whatever the law; an offset is still told by a dead zone."""

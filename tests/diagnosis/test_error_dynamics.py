@@ -11,7 +11,7 @@ from hidden_plants import model, rotor_record
 from daest.diagnosis.evidence.stand import begin
 from daest.diagnosis.null_model.error_dynamics import average_dynamics, dynamics_along
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.screening.screen import run_null
+from daest.diagnosis.screening.screen import error_covariance, run_null
 from daest.estimation.nonlinear.observer import average_model
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
@@ -71,10 +71,15 @@ def pushed(null, run, torque):
     ).outputs, entry
 
 
-def relative_errors(flat):
+def relative_errors(flat, missing=None):
     """Of the response to a small torque, against the difference of two runs: by the error dynamics along the
-    recording, and by those of the average slopes."""
-    null, run = null_of(flat, rotor_record(400, seed=5, coulomb=lambda phi: 0.15)[0])
+    recording, and by those of the average slopes. The samples `missing` are none."""
+    record = rotor_record(400, seed=5, coulomb=lambda phi: 0.15)[0]
+    if missing is not None:
+        outputs = record.outputs.copy()
+        outputs[missing] = np.nan
+        record = replace(record, outputs=outputs)
+    null, run = null_of(flat, record)
     torque = PUSH * np.sin(1.3 * null.experiments[0].time)
     (up, entry), (down, _) = pushed(null, run, torque), pushed(null, run, -torque)
     g = torque[:, None] * entry
@@ -147,3 +152,19 @@ def test_where_a_filtered_state_meets_a_singularity_errors_are_those_of_the_aver
     constant = average_dynamics(average)
     assert found[0].transition.shape == (5, 1, 1)
     np.testing.assert_array_equal(found[1].transition, constant.transition)
+
+
+def test_observer_does_not_correct_where_a_sample_is_missing():
+    along, _ = relative_errors(rubbing(0.3), slice(0, None, 3))
+    assert along < 1e-3
+
+
+def test_errors_of_sensors_that_are_read_at_different_times_are_independent():
+    rng = np.random.default_rng(3)
+    errors = rng.standard_normal((400, 2)) @ np.array([[2.0, 1.0], [0.0, 1.0]])
+    whole = error_covariance(errors)
+    np.testing.assert_allclose(whole, errors.T @ errors / 400)
+    errors[::2, 0], errors[1::2, 1] = np.nan, np.nan
+    apart = error_covariance(errors)
+    assert apart[0, 1] == 0.0
+    np.testing.assert_allclose(np.diagonal(apart), np.diagonal(whole), rtol=0.2)

@@ -14,6 +14,8 @@ from daest.cli.options import ModelOptions, example, format_option, model_option
 from daest.cli.output import emit, whole_file
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from daest.data.table import Table
     from daest.model.experiment import DataCheck
     from daest.model.flat import Model
@@ -83,14 +85,24 @@ def _split(tables: Sequence[Table], *, is_driven: bool) -> float | None:
     """The share of the recordings that estimates: half, or more of them where that is too short to diagnose
     from, and the whole is not. None where the last one is to validate as a whole: of several runs in which
     nothing drives the machine, each ends at rest, and second halves tell of that alone."""
-    import numpy as np
-
     from daest.diagnosis.evidence.stand import is_enough, least_share
 
-    sizes = [table.columns[0].values.size for table in tables if table.columns]
-    if not is_driven and len(tables) > 1 and is_enough(sizes[:-1]):
+    times = [_times(table) for table in tables if table.columns]
+    if not is_driven and len(tables) > 1 and is_enough([time.size for time in times[:-1]]):
         return None
-    return least_share([np.arange(size) for size in sizes if size]) or 0.5
+    return least_share([time for time in times if time.size]) or 0.5
+
+
+def _times(table: Table) -> np.ndarray:
+    """When the rows (n,) of a table were recorded, in its own unit; their numbers where no column tells."""
+    import numpy as np
+
+    from daest.data.match import propose_time
+    from daest.data.table import time_column, with_seconds
+
+    column = time_column(table, propose_time(table))
+    time = np.arange(table.columns[0].values.size) if column is None else with_seconds(column).values
+    return time if np.all(np.diff(time) > 0) else np.arange(time.size)
 
 
 def _refuse_existing(file: Path) -> None:

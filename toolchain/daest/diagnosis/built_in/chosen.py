@@ -32,7 +32,8 @@ def chosen_candidates(
     are not `taken`. What is recorded and does nothing in the model may be what a law needs: columns, and
     `unused` inputs. No dead time of the one output of a model whose inputs keep their levels: what runs by
     itself is as late where it began elsewhere. Nothing with states of its own at an input that is zero, and
-    no bend at one that takes no more than two values: between them any law is a gain with an offset."""
+    no bend at one that takes no more than two values: between them any law is a gain with an offset. No law
+    of a sensor that is hardly ever read, unless it is asked for: through a few samples many laws go."""
     library = [_within_samples(effect, experiments) for effect in library]
     recorded = [*unused, *experiments[0].extra]
     columns = [name for name in recorded if _is_new_signal(name, experiments, unused)]
@@ -43,10 +44,12 @@ def chosen_candidates(
     two = {name for name in experiments[0].input_names if _n_values(experiments, name) <= 2}
     moves = not all(is_constant(u) for e in experiments for u in e.inputs.T)
     runs_by_itself = not moves and len(experiments[0].output_names) == 1
+    rare = set() if options.places else _rarely_read(experiments)
     return tuple(
         c
         for c in whole
         if not (c.site.kind == "input" and c.site.name in unused)
+        and not (c.site.kind == "output" and c.site.name in rare)
         and not (runs_by_itself and c.effect.class_name == DELAY and c.site.kind == "output")
         and not (c.site.kind == "input" and c.is_dynamic and c.site.name in none)
         and not (c.site.kind == "input" and c.site.name in two and bends(c))
@@ -55,6 +58,13 @@ def chosen_candidates(
         )
         and (not options.places or {c.site.name, *c.site.aliases} & set(options.places))
     )
+
+
+def _rarely_read(experiments: Sequence[Experiment]) -> set[str]:
+    """The outputs with too few samples to tell a law of their sensors by."""
+    counts = sum(np.isfinite(e.outputs).sum(axis=0) for e in experiments)
+    names = experiments[0].output_names
+    return {name for name, count in zip(names, counts, strict=True) if count < GATES.min_of_sensor}
 
 
 def _driving(experiments: Sequence[Experiment], unused: Sequence[str]) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null
-from daest.diagnosis.screening.screen import RTOL, NullObserver
+from daest.diagnosis.screening.screen import RTOL, NullObserver, error_covariance, measured_together
 from daest.estimation.filter_engines.stationary import known_filter
 from daest.estimation.nonlinear.observer import observer, sampled_average
 from daest.model.diagnosis import PlaceGain
@@ -69,8 +69,12 @@ def _log_likelihood(null: Null, model: Integrator, gain: np.ndarray) -> float:
             return -np.inf
         errors.append(experiment.outputs - outputs)
     table = np.concatenate(errors)
-    table = table[np.all(np.isfinite(table), axis=1)]
-    value = -0.5 * table.shape[0] * np.linalg.slogdet(table.T @ table / table.shape[0])[1]
+    together, spread = measured_together(table), error_covariance(table)
+    if together.size:
+        value = -0.5 * together.shape[0] * np.linalg.slogdet(spread)[1]
+    else:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            value = -0.5 * np.isfinite(table).sum(axis=0) @ np.log(np.diagonal(spread))
     return float(value) if np.isfinite(value) else -np.inf
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import ndtri_exp
 
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null_model.error_dynamics import WatchedErrors, dynamics_along
+from daest.diagnosis.null_model.error_dynamics import MOST_STATES, WatchedErrors, dynamics_along
 from daest.diagnosis.null_model.null import Null, grows_beyond
 from daest.diagnosis.screening.absorbed import rescaling_sizes
 from daest.diagnosis.screening.candidates import (
@@ -104,8 +104,8 @@ class NullObserver:
             null.explicit, self.average, null.experiments, filtered, predicted, null.hold, RTOL
         )
         return tuple(
-            one.watched(self.gain, observed.sensors)
-            for one, observed in zip(every, self.observed, strict=True)
+            one.watched(self.gain, _correcting(null, experiment, observed))
+            for one, experiment, observed in zip(every, null.experiments, self.observed, strict=True)
         )
 
     @cached_property
@@ -141,13 +141,38 @@ def run_null(null: Null) -> NullObserver:
         average = _average(null, experiment, runs[longest])
         whole = _whole_gain(null, average)
         gain, runs, errors = _followed(null, model, starts, whole)
-    table = np.concatenate(errors)
-    table = table[np.all(np.isfinite(table), axis=1)]
-    root = np.linalg.inv(np.linalg.cholesky(table.T @ table / table.shape[0]))
+    root = np.linalg.inv(np.linalg.cholesky(error_covariance(np.concatenate(errors))))
     observed = tuple(
         _observed(null, *one, gain, root) for one in zip(null.experiments, runs, errors, strict=True)
     )
     return NullObserver(null, names, average, gain, gain is whole and bool(np.any(gain)), root, observed)
+
+
+def _correcting(null: Null, experiment: Experiment, observed: Observed) -> np.ndarray:
+    """The relative slopes (n_samples, n_y) of the sensors by which the observer corrects: none where a sample
+    is missing. Of more states than are followed along a recording, all are taken for measured."""
+    if null.explicit.n_states > MOST_STATES:
+        return observed.sensors
+    return np.where(np.isfinite(experiment.outputs), observed.sensors, 0.0)
+
+
+def error_covariance(errors: np.ndarray) -> np.ndarray:
+    """The covariance (n_y, n_y) of errors (n_samples, n_y), NaN where a sample is missing: of the instants at
+    which all outputs were measured, or of each output alone where these are too few, as of sensors that are
+    read at different times."""
+    together = measured_together(errors)
+    if together.size:
+        return together.T @ together / together.shape[0]
+    known = np.isfinite(errors)
+    squares = np.where(known, errors, 0.0) ** 2
+    return np.diag(squares.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
+
+
+def measured_together(errors: np.ndarray) -> np.ndarray:
+    """Those errors (m, n_y) of (n_samples, n_y) without a missing sample; none, where these are too few to
+    tell how the outputs err together."""
+    complete = errors[np.all(np.isfinite(errors), axis=1)]
+    return complete if complete.shape[0] >= GATES.min_complete * errors.shape[1] else complete[:0]
 
 
 def _simulated(
