@@ -77,7 +77,9 @@ EXPECTED = {
     ),
 }
 # Written for an effect that no class describes; no hypothesis themselves.
-LEARNED_LOADS = {"LearnedTorque", "LearnedForce", "LearnedCurrent", "LearnedHeatFlow", "LearnedFlow"}
+LEARNED_LOADS = {
+    *("LearnedTorque", "LearnedForce", "LearnedCurrent", "LearnedHeatFlow", "LearnedFlow", "LearnedInflow")
+}
 MIRRORED = {
     "Unbalance": "Gravity",
     "CoggingTorque": "CoggingForce",

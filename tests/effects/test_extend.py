@@ -15,7 +15,7 @@ from daest.modelica.compile import compile_model, compile_text
 from daest.modelica.effects.attach import attach
 from daest.modelica.effects.catalogue import find_effect
 from daest.modelica.effects.extend import CurveText, extend_by_curve, extend_model
-from daest.modelica.places.sites import find_site
+from daest.modelica.places.sites import find_site, sites
 from daest.systems.simulation.simulate import simulate
 
 # Effects on amounts sit in a bare equation of the rig, whose text is opened: see test_amounts.py.
@@ -385,6 +385,22 @@ def test_a_curve_is_put_into_a_bare_equation(bare) -> None:
     load = CurveText("v", "v", [-1.0, 0.0, 1.0], [-2.0, 0.0, 2.0])
     made = extend_by_curve(bare, "Cart", load)
     assert "connect(learned.flange, v_term.flange);" in made.added
+
+
+def test_a_curve_is_put_into_the_balance_of_an_amount(tmp_path) -> None:
+    """A store of a fermenter had been no place where a curve could be written."""
+    file = tmp_path / "Vessel.mo"
+    file.write_text(
+        'model Vessel\n  Real S(unit = "g/l", start = 5, fixed = true);\n  input Real D(unit = "1/h");\n'
+        '  output Real y(unit = "g/l") = S;\nequation\n  der(S) = D*(20 - S);\nend Vessel;\n'
+    )
+    flat = compile_model(file)
+    place = next(site for site in sites(flat) if site.kind == "equation")
+    made = extend_by_curve(file, "Vessel", CurveText(place.name, "S", [0.0, 10.0, 20.0], [0.0, -0.5, -2.0]))
+    assert "Daest.Effects.Amounts.LearnedInflow learned(" in made.added
+    found = simulate(made.flat, (np.linspace(0.0, 50.0, 11), np.full((11, 1), 0.1)))
+    # In the end 0.1 (20 - S) is what the curve takes away: 0.15 S - 1.
+    assert found.outputs[-1, 0] == pytest.approx(12.0, abs=1e-2)
 
 
 @pytest.mark.parametrize(

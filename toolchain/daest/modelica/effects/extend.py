@@ -80,6 +80,7 @@ _LOADS = {
     "electrical": ("Daest.Effects.Electrical.LearnedCurrent", "pin"),
     "thermal": ("Daest.Effects.Thermal.LearnedHeatFlow", "port"),
     "hydraulic": ("Daest.Effects.Hydraulic.LearnedFlow", "port"),
+    "amount": ("Daest.Effects.Amounts.LearnedInflow", "port"),
 }  # class of a learned load, and its connector
 _LEARNED = "learned"
 _CONNECTION = re.compile(r"connect\((.+), (.+)\);")
