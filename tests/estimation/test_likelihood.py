@@ -285,7 +285,9 @@ def test_interpolated_steps_are_sampled_exactly(low, high, more, most_nodes):
     family = hand.servo(TRUE)
     A = state_space(family, theta_of(family, TRUE)).A
     steps = np.concatenate([more, rng.uniform(low, high, 300)])
-    nodes, weights = _interpolation(steps)
+    time = np.append(0.0, np.cumsum(steps))
+    nothing, at = np.zeros((time.size, 2)), np.arange(time.size)
+    nodes, weights = _interpolation(Record("uneven", time, nothing, nothing, nothing == 0.0, None, at))
     assert len(nodes) <= most_nodes
     transitions = np.tensordot(weights, [transition_integrals(A, h).transition for h in nodes], 1)
     for h, Phi in zip(steps[:40], transitions, strict=False):
