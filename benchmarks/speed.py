@@ -46,7 +46,7 @@ def markdown(rows: list[Row], growth: list[Growth]) -> str:
         "",
         "`python benchmarks/speed.py --table docs/speed.md` measures this page in one process run. Figures",
         "are medians of processor time on one core where nothing else is said; the last column says how many",
-        "times faster daest is.",
+        "times faster daest is. `--project FOLDER` adds the diagnosis of a project of one's own.",
         "",
         f"{described(names)}. A load above 1 makes figures larger than on a quiet machine; ratios stay.",
         "",

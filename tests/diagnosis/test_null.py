@@ -209,17 +209,17 @@ def test_the_fit_with_the_other_hold_is_made_once(monkeypatch):
         fit_null(held, places, [record], null.other_hold, known=null.other_fit)
 
 
-def test_a_look_for_a_law_ends_where_none_can_come(monkeypatch):
+def test_a_look_for_a_law_ends_where_none_can_come():
     """A simulation in pieces, or a load that begins with the recording, may still show one."""
     verdicts = [SimpleNamespace(verdict="rejected")]
-    monkeypatch.setattr(examining, "decide", lambda _: SimpleNamespace(proofs=verdicts))
+    decided = SimpleNamespace(proofs=verdicts)
     plain, adding = (SimpleNamespace(reference=SimpleNamespace(adds_up=one)) for one in (False, True))
     silent, starting = SimpleNamespace(starts=()), SimpleNamespace(starts=("load",))
-    assert examining._is_without_law(plain, None, silent)
-    assert not examining._is_without_law(adding, None, silent)
-    assert not examining._is_without_law(plain, None, starting)
+    assert examining._is_without_law(plain, decided, silent)
+    assert not examining._is_without_law(adding, decided, silent)
+    assert not examining._is_without_law(plain, decided, starting)
     verdicts.append(SimpleNamespace(verdict="not separable"))
-    assert not examining._is_without_law(plain, None, silent)
+    assert not examining._is_without_law(plain, decided, silent)
 
 
 @pytest.mark.slow

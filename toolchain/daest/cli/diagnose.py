@@ -248,8 +248,10 @@ def opened(
 def _left_out(loaded: Model, parameters: ParameterOptions) -> list[str]:
     """The parameters that the model or daest.toml marks and --estimate does not name; those of --fix are held
     on purpose."""
+    if not parameters.estimate:
+        return []
     named = {*parameters.estimate, *parameters.fix}
-    return [p.name for p in loaded.parameters if p.estimate and p.name not in named and parameters.estimate]
+    return [p.name for p in loaded.parameters if p.estimate and p.name not in named]
 
 
 def _resumable(case: Case) -> Case:

@@ -45,16 +45,7 @@ from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
 from daest.diagnosis.screening.free_forms import free_forms, keep_forms
 from daest.diagnosis.screening.passed_once import back_on_their_way
 from daest.diagnosis.screening.screen import NullObserver, run_null, screen
-from daest.model.diagnosis import (
-    Candidate,
-    Diagnosis,
-    FreeForm,
-    LearnedLoad,
-    PlaceGain,
-    Proof,
-    Screen,
-    Unproved,
-)
+from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
@@ -165,8 +156,10 @@ def _examined(
     )
     if proofs and not options.is_over:
         evidence = replace(evidence, earlier=_earlier(stand, proofs))
-    if wants_law and _is_without_law(stand, evidence, loads):
-        return _told_in_short(stand, decide(evidence), found, gains, unproved, is_whole)
+    if wants_law:
+        decided = decide(evidence)
+        if _is_without_law(stand, decided, loads):
+            return _plain(stand, decided, evidence, loads, is_whole)
     evidence, decided, learned = _decided(stand, run, evidence, loads, options, progress)
     if decided.name in OPEN and not _says_most(stand, learned):
         proofs, is_in_time = course.in_pieces(proofs)
@@ -190,59 +183,44 @@ def _examined(
         message += two_alike(found) if decided.name == "external disturbance" else ""
     faults = "" if decided.name in EXPLAINED else faults_told(null.experiments)
     counted = "" if faults else faults_counted(decided.name, null.experiments, stand.validation)
-    return Diagnosis(
-        verdict=decided.name,
+    following = EMPTY if faults else TRUE_TIMES if off else _next_experiment(stand, decided, options)
+    return replace(
+        _plain(stand, decided, evidence, loads, is_whole),
         message=message + faults + counted + ("" if is_whole else TIME_UP),
-        baseline=stand.told,
-        proofs=decided.proofs,
-        unproved=unproved,
-        screen=found,
-        places=gains,
         disturbance=form,
-        validation=stand.told.simulated.get("validation"),
-        next_experiment=EMPTY if faults else TRUE_TIMES if off else _next_experiment(stand, decided, options),
-        seconds=time.perf_counter() - stand.began,
+        next_experiment=following,
         learned=learned if decided.name == "unknown effect" else None,
-        is_held=not null.estimated,
-        is_whole=is_whole,
-        is_by_colour=decided.is_by_colour,
-        is_of_starts=decided.is_of_starts,
     )
 
 
-def _is_without_law(stand: Stand, evidence: Evidence, loads: Loads) -> bool:
-    """Whether no law is accepted, nor will be by anything that comes behind the refits: by a simulation in
-    pieces, where errors add up, or beside a load that begins with the recordings."""
-    may_be_shown = stand.reference is not None and stand.reference.adds_up
-    if may_be_shown or loads.starts:
-        return False
-    return all(proof.verdict == "rejected" for proof in decide(evidence).proofs)
-
-
-def _told_in_short(
-    stand: Stand,
-    decided: Decided,
-    found: Screen,
-    gains: tuple[PlaceGain, ...],
-    unproved: tuple[Unproved, ...],
-    is_whole: bool,
-) -> Diagnosis:
-    """What an examination without an accepted law says that is of no use without one."""
+def _plain(stand: Stand, decided: Decided, evidence: Evidence, loads: Loads, is_whole: bool) -> Diagnosis:
+    """What was found and `decided`, without what is told besides."""
     return Diagnosis(
         verdict=decided.name,
         message=decided.message,
         baseline=stand.told,
         proofs=decided.proofs,
-        unproved=unproved,
-        screen=found,
-        places=gains,
+        unproved=evidence.unproved,
+        screen=evidence.screen,
+        places=loads.gains,
         disturbance=None,
         validation=stand.told.simulated.get("validation"),
         next_experiment=decided.next_experiment,
         seconds=time.perf_counter() - stand.began,
         is_held=not stand.null.estimated,
         is_whole=is_whole,
+        is_by_colour=decided.is_by_colour,
+        is_of_starts=decided.is_of_starts,
     )
+
+
+def _is_without_law(stand: Stand, decided: Decided, loads: Loads) -> bool:
+    """Whether no law is accepted, nor will be by anything that comes behind the refits: by a simulation in
+    pieces, where errors add up, or beside a load that begins with the recordings."""
+    may_be_shown = stand.reference is not None and stand.reference.adds_up
+    if may_be_shown or loads.starts:
+        return False
+    return all(proof.verdict == "rejected" for proof in decided.proofs)
 
 
 def _says_most(stand: Stand, learned: LearnedLoad | None) -> bool:

@@ -10,31 +10,42 @@ import casadi as ca
 import numpy as np
 
 
+class _InPlace:
+    """A function whose arguments stand in `here` and the non-zeros of whose results in `values`: CasADi holds
+    no more than their addresses."""
+
+    def __init__(self, function: ca.Function) -> None:
+        buffer: Any
+        buffer, self.run = cast(Any, function).buffer()
+        self.buffer = buffer
+        self.here = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
+        self.values = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
+        for i, argument in enumerate(self.here):
+            if argument.size:
+                buffer.set_arg(i, memoryview(argument.data))
+        for i, value in enumerate(self.values):
+            if value.size:
+                buffer.set_res(i, memoryview(value.data))
+
+
 class Evaluator:
     """A function with dense arguments and results. Not for several threads at once."""
 
     def __init__(self, function: ca.Function) -> None:
         self.function = function
-        buffer: Any
-        buffer, self._run = function.buffer()
-        self._buffer = buffer
-        self._arguments = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
-        results = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
-        for i, argument in enumerate(self._arguments):
-            if argument.size:
-                buffer.set_arg(i, memoryview(argument.data))
-        for i, result in enumerate(results):
-            if result.size:
-                buffer.set_res(i, memoryview(result.data))
-        self._results = [result.reshape(function.size_out(i), order="F") for i, result in enumerate(results)]
+        self._place = _InPlace(function)
+        shapes = (function.size_out(i) for i in range(function.n_out()))
+        self._results = [
+            v.reshape(shape, order="F") for v, shape in zip(self._place.values, shapes, strict=True)
+        ]
 
     def __call__(self, *arguments: np.ndarray | float) -> list[np.ndarray]:
         """Results as arrays of two dimensions. An argument is a column of numbers: a matrix column by column.
         Raises RuntimeError where the function fails."""
-        for there, given in zip(self._arguments, arguments, strict=True):
+        for there, given in zip(self._place.here, arguments, strict=True):
             there[:] = given
-        self._run()
-        if self._buffer.ret():
+        self._place.run()
+        if self._place.buffer.ret():
             raise RuntimeError(f"{self.function.name()} failed")
         return [result.copy() for result in self._results]
 
@@ -69,28 +80,21 @@ def repeated(function: ca.Function, start: np.ndarray, arguments: Sequence[np.nd
     return states
 
 
-class _AtRows:
-    """A function at rows of its arguments, which stand in `here`; the non-zeros of its results are `values`:
-    CasADi holds no more than their addresses."""
+class _AtRows(_InPlace):
+    """A function at rows of its arguments."""
 
     def __init__(self, function: ca.Function, arguments: Sequence[np.ndarray]) -> None:
-        self._buffer, self._run = cast(Any, function).buffer()
-        self.here = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
-        self.values = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
+        super().__init__(function)
         self._moving = []
-        for i, (place, argument) in enumerate(zip(self.here, arguments, strict=True)):
+        for place, argument in zip(self.here, arguments, strict=True):
             if not place.size:
                 continue
-            self._buffer.set_arg(i, memoryview(place.data))
             if argument.ndim == 2:
                 self._moving.append((place, argument))
             else:
                 place[:] = argument
-        for i, value in enumerate(self.values):
-            if value.size:
-                self._buffer.set_res(i, memoryview(value.data))
 
     def evaluate(self, k: int) -> None:
         for place, argument in self._moving:
             place[:] = argument[k]
-        self._run()
+        self.run()

@@ -22,14 +22,13 @@ from daest.diagnosis.evidence.proof import bic_gain
 from daest.diagnosis.evidence.reasons import told_number
 from daest.diagnosis.evidence.stand import Stand, reference_of
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null_model.null import Null, grown, refit
-from daest.diagnosis.screening.candidates import fed
+from daest.diagnosis.null_model.null import Null, refit
+from daest.diagnosis.screening.candidates import with_law
 from daest.diagnosis.screening.screen import NullObserver, run_null, value_scores
 from daest.model.diagnosis import Proof
 from daest.model.fit import FitResult, FittedParameter, error_ratios
-from daest.model.flat import with_equations
+from daest.model.parts import Parameter
 from daest.quantities import with_unit
-from daest.systems.reduction.reduce import reduce_index
 
 VALUE_BESIDES = (
     " Another value of `{name}`{others} than the {given} that is given would take most of what is left: it "
@@ -152,9 +151,14 @@ def _beside_loads(law: Proof, baseline: FitResult, null: Null) -> float:
 def other_value(stand: Stand, run: NullObserver) -> OtherValue | None:
     """The held value that shows most in the innovations, estimated, or of those that show nearly as much the
     likeliest; None where none shows, another one cannot be estimated, or is not certainly another."""
+    return most_telling(stand, run, list(_held(stand)))
+
+
+def _held(stand: Stand) -> dict[str, Parameter]:
+    """The parameters that a user gave a value, by name: not those that are held since others do the same."""
     tied = {name for names in stand.tied for name in names}
-    names = [p.name for p in stand.declared.parameters if not (p.estimate or p.is_memory or p.name in tied)]
-    return most_telling(stand, run, names)
+    given = [p for p in stand.declared.parameters if not (p.estimate or p.is_memory or p.name in tied)]
+    return {p.name: p for p in given}
 
 
 def most_telling(stand: Stand, run: NullObserver, names: Sequence[str]) -> OtherValue | None:
@@ -194,15 +198,12 @@ def value_besides(stand: Stand, law: Proof) -> str:
     """A sentence on the held value of which another one would take most of what the load follows that an
     accepted law leaves; empty where none does. The law has its right name then, and sizes that are off by
     many of their standard errors. What a second effect leaves no value says."""
-    null = stand.null
-    held = {p.name: p for p in stand.declared.parameters if not (p.estimate or p.is_memory)}
-    names = [p.name for p in null.flat.parameters if p.name in held]
-    if law.left is None or not names:
+    held = _held(stand)
+    if law.left is None or not held:
         return ""
     with suppress(*FAILURES):
-        flat = with_equations(law.flat, "what a law leaves")
-        model = grown(null, flat, reduce_index(flat), law.fit, fed(null.experiments, law.candidate))
-        first, *_ = value_scores(model, run_null(model), names)
+        model = with_law(stand.null, law)
+        first, *_ = value_scores(model, run_null(model), list(held))
         is_most = first.score**2 / 2.0 >= GATES.min_share_of_left * law.left.log_likelihood_gain
         if first.p_value < GATES.missing_level and is_most:
             return VALUE_BESIDES.format(

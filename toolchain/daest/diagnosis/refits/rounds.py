@@ -20,26 +20,21 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, grown, open_inputs, period_of, refit, refitted
 from daest.diagnosis.refits.attempts import found_somehow
 from daest.diagnosis.refits.search import Search
-from daest.diagnosis.screening.candidates import fed
+from daest.diagnosis.screening.candidates import fed, with_law
 from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
 from daest.diagnosis.screening.free_forms import forms_of
 from daest.diagnosis.screening.screen import run_null
 from daest.estimation.linear.hold_search import with_turned
 from daest.model.diagnosis import Candidate, Proof
 from daest.model.fit import error_ratios
-from daest.model.flat import with_equations
 from daest.numerics.parallel import called, workers
-from daest.systems.reduction.reduce import reduce_index
 
 
 def accept(stand: Stand, proof: Proof, jobs: int = 1) -> Stand:
     """The stand with the effect of `proof` in the model, and the inputs held as the model with the effect has
     it. With two `jobs`, its two fits run together."""
     null = stand.null
-    experiments = fed(null.experiments, proof.candidate)
-    flat = with_equations(proof.flat, "a further round")
-    model = grown(null, flat, reduce_index(flat), proof.fit, experiments)
-    model = _held_better(model, proof)
+    model = _held_better(with_law(null, proof), proof)
     validation = fed(stand.validation, proof.candidate)
     # The refit of the proof has not predicted the unseen data, by which a later round sees that it is at the
     # noise of the sensors.
@@ -125,8 +120,7 @@ def gains_beside(
     refits raise."""
     null = stand.null
     with quiet():
-        flat = with_equations(first.flat, "a further round")
-        model = grown(null, flat, reduce_index(flat), first.fit, fed(null.experiments, first.candidate))
+        model = with_law(null, first)
         begun = model.flat.with_theta({n: values[n] for n in model.estimated if n in values})
         prepared = prepare(begun, model.estimated, trial, sharper=sharper)
         model = replace(model, experiments=fed(model.experiments, trial.candidate))

@@ -10,12 +10,13 @@ from itertools import chain, count, product
 import casadi as ca
 import numpy as np
 
+from daest.diagnosis.null_model.null import Null, grown
 from daest.diagnosis.screening.grown_states import brought_rows, with_integrals
 from daest.errors import DaestError
-from daest.model.diagnosis import Candidate
+from daest.model.diagnosis import Candidate, Proof
 from daest.model.effects import PER_TIME, Effect, EffectParameter, Placement, Site
 from daest.model.experiment import Experiment
-from daest.model.flat import ExplicitModel, FlatModel
+from daest.model.flat import ExplicitModel, FlatModel, with_equations
 from daest.modelica.effects.attach import attach_all, check_values
 from daest.modelica.flat.clock import clock_unit
 from daest.modelica.places.balances import domain_of, is_length
@@ -115,6 +116,13 @@ def fed(experiments: Sequence[Experiment], candidate: Candidate) -> tuple[Experi
     """The experiments with the recorded signals that the effect needs as further inputs."""
     names = () if candidate.effect.is_of_variable else tuple(candidate.inputs.values())
     return tuple(e.driven_by(names) for e in experiments) if names else tuple(experiments)
+
+
+def with_law(null: Null, proof: Proof) -> Null:
+    """The null for the model with the law of a `proof`, at its refit beside the loads. Raises FmuError
+    `fmu-no-equations`."""
+    flat = with_equations(proof.flat, "a further round")
+    return grown(null, flat, reduce_index(flat), proof.fit, fed(null.experiments, proof.candidate))
 
 
 def with_shapes(
