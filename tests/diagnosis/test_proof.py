@@ -857,6 +857,23 @@ def test_law_with_a_parameter_that_does_nothing_is_no_rival_of_one_without(time,
     assert found["ExtraCompliance"].verdict == verdict
 
 
+@pytest.mark.parametrize(
+    ("time", "ahead", "verdict"),
+    [
+        ((1.6e-5, 0.5e-5), 15.0, "not separable"),
+        ((1.6e-5, 0.1e-5), 15.0, "rejected"),  # a time that the data know
+        ((1.6e-5, 0.5e-5), 40.0, "rejected"),  # the simple law gains clearly less
+    ],
+)
+def test_law_is_no_further_ahead_than_its_parameter_is_off_zero(time, ahead, verdict):
+    coil = law_told("Inductance", 1000.0, L=(0.35, 0.01))
+    soft = law_told("ExtraCompliance", 1000.0 + ahead, e=(110.0, 0.1), T=time)
+    elsewhere = replace(soft.candidate.site, name="emf.flange")
+    soft = replace(soft, candidate=replace(soft.candidate, site=elsewhere))
+    found = {p.candidate.effect.name: p.verdict for p in ranked([coil, soft])}
+    assert found["Inductance"] == verdict
+
+
 def test_law_that_says_what_a_short_lag_says_is_something_fast():
     short = {"verdict": "rejected", "reason": "it is short", "is_any_dynamics": True}
     lag = replace(law_told("Lag", 300.0, T=(5e-4, 5e-5)), **short)

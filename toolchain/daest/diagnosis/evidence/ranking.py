@@ -83,7 +83,12 @@ def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:
         p
         for p in order
         if p not in close
-        and (_is_rounded_otherwise(p, best) or _is_as_likely(p, best) or _is_at_limit(best, p))
+        and (
+            _is_rounded_otherwise(p, best)
+            or _is_as_likely(p, best)
+            or _is_at_limit(best, p)
+            or _is_hardly_less(p, best)
+        )
     ]
     close += doubted
     result = []
@@ -239,14 +244,34 @@ def _is_idle(rich: Proof, best: Proof) -> bool:
     return is_richer and bool(_open_shapes(rich)) and more < GATES.same_bic / 2.0
 
 
-def _open_shapes(proof: Proof) -> list[FittedParameter]:
-    """The lengths and times of a law, which cannot be below zero, that are within a standard error of it."""
+def _is_hardly_less(simple: Proof, best: Proof) -> bool:
+    """Whether an accepted law with fewer parameters gains nearly what the best one does, which is ahead by a
+    length or a time that is hardly off zero: a soft coupling whose damping is over within microseconds is the
+    inductance in front of it, and whatever else is a little wrong may ask for that."""
+    is_simpler_law = len(simple.candidate.estimated) < len(best.candidate.estimated)
+    gains_enough = simple.delta_log_likelihood > GATES.min_simpler_gain * best.delta_log_likelihood
+    is_accepted = simple.verdict != "rejected"
+    return (
+        is_accepted
+        and is_simpler_law
+        and gains_enough
+        and bool(_open_shapes(best, GATES.min_leading_significance))
+    )
+
+
+def _open_shapes(proof: Proof, significance: float = 1.0) -> list[FittedParameter]:
+    """The lengths and times of a law, which cannot be below zero, that are within so many standard errors of
+    it."""
     own = {
         f"{proof.candidate.name}.{p.name}"
         for p in proof.candidate.effect.parameters
         if p.role == "shape" and p.min is not None and p.min >= 0.0
     }
-    return [p for p in _told_of_effect(proof) if p.name in own and p.std_error and p.value <= p.std_error]
+    return [
+        p
+        for p in _told_of_effect(proof)
+        if p.name in own and p.std_error and p.value <= significance * p.std_error
+    ]
 
 
 def _is_size(proof: Proof, parameter: FittedParameter) -> bool:
