@@ -8,7 +8,7 @@ from hidden_plants import library, model
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis.diagnose import diagnose
-from daest.diagnosis.evidence.ranking import is_same_load
+from daest.diagnosis.evidence.same_laws import is_same_load
 from daest.diagnosis.options import DiagnoseOptions
 from daest.model.experiment import Experiment
 

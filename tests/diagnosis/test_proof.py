@@ -25,7 +25,7 @@ from daest.diagnosis.evidence import proof as proving
 from daest.diagnosis.evidence import reasons
 from daest.diagnosis.evidence.free_starts import steady_misfit
 from daest.diagnosis.evidence.proof import _is_much_left, with_steady_error
-from daest.diagnosis.evidence.ranking import _ends_in_a_simpler_law, best_accepted, least_hope, ranked
+from daest.diagnosis.evidence.ranking import best_accepted, least_hope, ranked
 from daest.diagnosis.evidence.reasons import (
     NOT_SIGNIFICANT,
     _tells_otherwise,
@@ -46,6 +46,7 @@ from daest.diagnosis.evidence.reasons import (
     without_evidence,
     wrong_law,
 )
+from daest.diagnosis.evidence.refused_beside import _ends_in_a_simpler_law
 from daest.diagnosis.evidence.stand import begin, reference_of
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import grown

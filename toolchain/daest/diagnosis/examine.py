@@ -21,9 +21,10 @@ from daest.diagnosis.answers.unexplained import Loads
 from daest.diagnosis.answers.verdict import beside_parts, beside_value, decide, two_alike
 from daest.diagnosis.built_in.chosen import chosen_candidates
 from daest.diagnosis.built_in.settled import FAILURES
+from daest.diagnosis.evidence.law_values import errors_last
 from daest.diagnosis.evidence.load_starts import starts_from_nowhere
 from daest.diagnosis.evidence.open_loop import driven_share, open_screen
-from daest.diagnosis.evidence.ranking import best_accepted, errors_last, is_settled
+from daest.diagnosis.evidence.ranking import best_accepted, is_settled
 from daest.diagnosis.evidence.reasons import is_significant, unmoved
 from daest.diagnosis.evidence.stand import Stand, quiet
 from daest.diagnosis.evidence.unseen import innovations

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from daest.diagnosis.answers.decided import Evidence, error_ratio, foreseen_by, listed, told_fits
-from daest.diagnosis.evidence.ranking import is_straight_there
 from daest.diagnosis.evidence.reasons import is_significant, told_values
+from daest.diagnosis.evidence.refused_beside import is_straight_there
 from daest.diagnosis.evidence.unseen import is_likelier, is_silent
 from daest.diagnosis.gates import GATES
 from daest.model.diagnosis import (

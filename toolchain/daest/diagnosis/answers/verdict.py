@@ -19,8 +19,9 @@ from daest.diagnosis.answers.told_laws import (
     supported,
     told_of,
 )
+from daest.diagnosis.evidence.law_values import errors_last
 from daest.diagnosis.evidence.noise_level import RECORDED
-from daest.diagnosis.evidence.ranking import errors_last, is_settled
+from daest.diagnosis.evidence.ranking import is_settled
 from daest.diagnosis.evidence.reasons import is_significant, told_values
 from daest.diagnosis.evidence.unseen import is_better, is_worse
 from daest.diagnosis.gates import GATES

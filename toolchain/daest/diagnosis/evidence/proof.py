@@ -14,6 +14,7 @@ from daest.diagnosis.built_in.late_signals import is_late
 from daest.diagnosis.built_in.settled import LOST, better_of, fit_by_simulation, settled
 from daest.diagnosis.built_in.trials import Prepared
 from daest.diagnosis.evidence.free_starts import misfit, steady_misfit
+from daest.diagnosis.evidence.law_values import ahead_of
 from daest.diagnosis.evidence.open_loop import (
     Simulated,
     errors_in_pieces,
@@ -23,7 +24,7 @@ from daest.diagnosis.evidence.open_loop import (
     simulated_errors,
     speaks_for,
 )
-from daest.diagnosis.evidence.ranking import ahead_of, least_hope
+from daest.diagnosis.evidence.ranking import least_hope
 from daest.diagnosis.evidence.reasons import (
     beyond_recordings,
     in_place_of_a_parameter,

@@ -14,6 +14,7 @@ from daest.diagnosis.built_in.dead_times import DELAY
 from daest.diagnosis.built_in.late_signals import LAG, late_signals
 from daest.diagnosis.built_in.slow_loads import said_by_loads
 from daest.diagnosis.built_in.trials import Prepared, Trial, clipping_trials, n_seats, trials
+from daest.diagnosis.evidence.law_values import errors_last, leaves_load_and_errors
 from daest.diagnosis.evidence.near_given import fit_near_given
 from daest.diagnosis.evidence.open_loop import open_screen
 from daest.diagnosis.evidence.pieces import in_pieces
@@ -21,10 +22,8 @@ from daest.diagnosis.evidence.ranking import (
     best_accepted,
     best_start,
     could_compete,
-    errors_last,
     is_settled,
     leader_of,
-    leaves_load_and_errors,
     leaves_something,
     most_likely,
     ranked,

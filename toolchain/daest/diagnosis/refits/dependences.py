@@ -15,7 +15,8 @@ import casadi as ca
 import numpy as np
 
 from daest.diagnosis.built_in.trials import Trial
-from daest.diagnosis.evidence.ranking import errors_last, is_same_load
+from daest.diagnosis.evidence.law_values import errors_last
+from daest.diagnosis.evidence.same_laws import is_same_load
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null
 from daest.diagnosis.screening.free_forms import internal_variables

@@ -21,8 +21,9 @@ from daest.diagnosis.built_in.dead_times import DELAY, SHIFTS, best_shift
 from daest.diagnosis.built_in.late_signals import LAG
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.built_in.trials import SHARPER, Prepared, Trial, with_kinks_bounded
+from daest.diagnosis.evidence.law_values import errors_last
 from daest.diagnosis.evidence.proof import bic_gain
-from daest.diagnosis.evidence.ranking import errors_last, most_likely
+from daest.diagnosis.evidence.ranking import most_likely
 from daest.diagnosis.evidence.reasons import NO_BEND, STRAIGHT, unseen_scales
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, period_of, simulation_options

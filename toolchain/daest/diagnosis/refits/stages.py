@@ -14,15 +14,9 @@ import numpy as np
 from daest.diagnosis.built_in.late_signals import is_late
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.built_in.trials import Prepared, Trial, moved, prepare
+from daest.diagnosis.evidence.law_values import is_simpler
 from daest.diagnosis.evidence.proof import is_below_null, with_steady_error
-from daest.diagnosis.evidence.ranking import (
-    best_accepted,
-    could_compete,
-    is_settled,
-    is_simpler,
-    leader_of,
-    ranked,
-)
+from daest.diagnosis.evidence.ranking import best_accepted, could_compete, is_settled, leader_of, ranked
 from daest.diagnosis.evidence.stand import Stand, quiet
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null
