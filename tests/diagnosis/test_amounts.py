@@ -110,13 +110,8 @@ def test_a_second_store_that_begins_empty():
     check(of_tank(1, hidden, begins=0.0), "HiddenStore", dict(expected))
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "HiddenStore",
-        *(pytest.param(n, marks=pytest.mark.slow) for n in DRUG_LAWS if n != "HiddenStore"),
-    ],
-)
+@pytest.mark.slow  # laws of one balance: the dye above
+@pytest.mark.parametrize("name", DRUG_LAWS)
 def test_what_a_drug_does_besides(name):
     hidden, expected = DRUG_LAWS[name]
     check(of_drug(1, hidden), name, dict(expected))

@@ -86,9 +86,8 @@ def test_loop_follows_the_motion_of_the_model(gamma: float) -> None:
     assert np.std(z + truth[:, 2]) < 0.1 * np.std(truth[:, 2])
 
 
-@pytest.mark.parametrize(
-    ("gamma", "name"), [(1.0, "BoucWenSpring"), pytest.param(0.0, "HystereticSpring", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow  # its motion: the test above
+@pytest.mark.parametrize(("gamma", "name"), [(1.0, "BoucWenSpring"), (0.0, "HystereticSpring")])
 def test_loop_is_found(gamma: float, name: str) -> None:
     """Friction with bristles and a cogging force had been told for that of Bouc and Wen."""
     force, truth = moved(gamma)

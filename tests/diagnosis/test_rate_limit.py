@@ -49,6 +49,7 @@ def diagnosed(folder: Path, record: Experiment) -> Diagnosis:
     return diagnose(compile_model(folder / "Motor.mo"), effect_library(), [record], (), options)
 
 
+@pytest.mark.slow  # a voltage that has none: below
 def test_a_limit_of_the_rate_is_found_with_its_size(tmp_path) -> None:
     found = diagnosed(tmp_path, recorded(limited, 15.0, 1))
     best = found.proofs[0]

@@ -13,6 +13,7 @@ from daest.diagnosis.evidence.reasons import in_place_of_a_parameter, other_dyna
 from daest.diagnosis.refits.rivals import shortest_lag, told_apart, with_likelier_lags
 
 
+@pytest.mark.slow  # the rule: the tests below
 def test_short_lag_is_named_where_no_dead_time_comes_near(tmp_path: Path) -> None:
     """A thermometer 25 s late, in a tank of four minutes, had been "something dynamic, and fast"."""
     found = _diagnosed(tmp_path, _warmed(40.0, [2.0, 0.5, 3.0, 1.0], 300), "Lag", "Delay", "HeatLoss")

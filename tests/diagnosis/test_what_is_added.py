@@ -51,6 +51,7 @@ def test_a_sensor_that_sees_another_input():
     assert abs(size.value - 0.05) < 3.0 * size.std_error
 
 
+@pytest.mark.slow
 def test_a_leak_into_a_vacuum_is_a_constant_flow():
     """Air comes in at the speed of sound, whatever the pressure inside: no leak or outlet of the library let
     anything in."""

@@ -58,6 +58,7 @@ EXPECTED = {
             "Downpipe",
             "FreeOutlet",
             "WideningTank",
+            "HiddenVessel",
             "ConstantFlow",
             "ConstantHead",
             "LaminarGasLine",
@@ -154,7 +155,11 @@ def test_states_and_dynamics() -> None:
     expected |= {"Electrical.TemperatureDependentResistance": 1, "Signals.Delay": 10}
     expected |= {"Rotational.FlexibleAppendage": 2, "Translational.FlexibleAppendage": 2}
     expected |= {"Rotational.DraggedInertia": 1, "Translational.DraggedMass": 1}
-    expected |= {"Electrical.VoltageRelaxation": 1, "Thermal.ExtraHeatCapacity": 1}
+    expected |= {
+        "Electrical.VoltageRelaxation": 1,
+        "Thermal.ExtraHeatCapacity": 1,
+        "Hydraulic.HiddenVessel": 1,
+    }
     expected |= {"Thermal.WallCapacity": 1, "Signals.Play": 1, "Signals.RateLimit": 1}
     expected |= {"Amounts.HiddenStore": 1}
     assert states == expected

@@ -87,6 +87,7 @@ OTHERS: dict[str, tuple[str, Law]] = {
     "Radiation": ("Q_flow", lambda v: v["Gr"] * SIGMA * (v["port_a.T"] ** 4 - v["port_b.T"] ** 4)),
     "Conduction": ("Q_flow", lambda v: v["G"] * v["dT"]),
     "ExtraHeatCapacity": ("Q_flow", lambda v: -v["G"] * v["z"]),
+    "HiddenVessel": ("q", lambda v: -v["G"] * v["z"]),
     "WallCapacity": (
         "Q_flow",
         lambda v: v["G"] * ((1 - v["share"]) * v["port_a.T"] + v["share"] * v["port_b.T"] - v["T_w"]),

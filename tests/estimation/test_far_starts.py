@@ -312,6 +312,7 @@ def geared() -> tuple[Experiment, dict[str, float]]:
     return Experiment("run", time, u[:, None], phi, ("u",), ("phi",)), p
 
 
+@pytest.mark.slow  # far starts: the tests above
 def test_a_follower_that_begins_far_off_with_other_parameters_is_called_back():
     record, truth = geared()
     start = {"J": 0.004, "d": 0.5, "width": 0.12}
