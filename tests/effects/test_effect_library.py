@@ -161,7 +161,7 @@ def test_states_and_dynamics() -> None:
         "Hydraulic.HiddenVessel": 1,
     }
     expected |= {"Thermal.WallCapacity": 1, "Signals.Play": 1, "Signals.RateLimit": 1}
-    expected |= {"Amounts.HiddenStore": 1}
+    expected |= {"Amounts.HiddenStore": 1, "Hydraulic.HiddenVessel": 1}
     assert states == expected
     dynamic = {effect.name for effect in EFFECTS if effect.is_dynamic}
     assert dynamic == {
