@@ -1,4 +1,4 @@
-"""What is added to a signal or a store: a share of an input that a sensor sees, a flow nobody measured."""
+"""What is added to a signal or a store: an input that a sensor sees, a flow or a vessel nobody knew of."""
 
 import numpy as np
 import pytest
@@ -34,6 +34,17 @@ equation
   V*der(p) = q - G*valve*p;
 end Chamber;
 """
+TANK = b"""
+model Tank "a tank that runs out through a pipe"
+  parameter Real A(unit = "m2", min = 0) = 1 annotation(__Daest(estimate = true));
+  parameter Real k(unit = "m2/s", min = 0) = 1 annotation(__Daest(estimate = true));
+  input Real q(unit = "m3/s");
+  output Real level(unit = "m") = h;
+  Real h(unit = "m", start = 0.7);
+equation
+  A*der(h) = q - k*h;
+end Tank;
+"""
 
 
 @pytest.mark.slow
@@ -62,3 +73,22 @@ def test_a_leak_into_a_vacuum_is_a_constant_flow():
     found = diagnosed(CHAMBER, inputs, outputs, (("valve", "q"), ("gauge",)))
     names = {p.candidate.label for p in found.proofs if p.verdict != "rejected"}
     assert "ConstantFlow at 0:p" in names
+
+
+@pytest.mark.slow
+def test_a_vessel_behind_a_narrow_passage():
+    """A standpipe beside a tank: nothing of the library had held liquid back."""
+    rng = np.random.default_rng(6)
+    inputs = held(rng, 0.2, 1.0, 50, N_SAMPLES)[:, None]
+
+    def rate(x, u):
+        exchanged = 0.5 * (x[0] - x[1])
+        return [(u[0] - 0.9 * x[0] - exchanged) / 1.5, exchanged / 2.0]
+
+    level = followed(rate, [0.7, 0.7], inputs)[:, :1]
+    found = diagnosed(TANK, inputs, level + 0.005 * rng.standard_normal(level.shape), (("q",), ("level",)))
+    best = found.proofs[0]
+    assert (found.verdict, best.candidate.label) == ("supported", "HiddenVessel at 0:h"), found.message
+    told = {p.name.rpartition(".")[2]: p for p in best.told.parameters}
+    assert abs(told["G"].value - 0.5) < 3.0 * told["G"].std_error
+    assert abs(told["T"].value - 4.0) < 3.0 * told["T"].std_error
