@@ -104,6 +104,24 @@ def test_turns_a_minute_are_not_guessed():
     assert conversion("1/min", "1/s").scale == pytest.approx(1 / 60, rel=1e-15)
 
 
+def test_units_as_loggers_write_them():
+    written = {
+        "Torr": ("Pa", 133.322),
+        "mTorr": ("Pa", 0.133322),
+        "PSI": ("Pa", 6894.76),
+        "Volts": ("V", 1.0),
+    }
+    written |= {
+        "Amps": ("A", 1.0),
+        "Watt": ("W", 1.0),
+        "cmH2O": ("Pa", 98.0665),
+        "L/(s.cmH2O)": ("m3/(s.Pa)", 1.0197e-5),
+    }
+    for unit, (si, scale) in written.items():
+        assert conversion(unit, si).scale == pytest.approx(scale, rel=1e-4), unit
+    assert conversion("Celsius", "K").offset == pytest.approx(273.15)
+
+
 def test_durations_are_told_in_units_that_suit_them():
     said = [spoken_duration(s) for s in (0.05, 60.0, 300.0, 1.8e4, 7200.0, 864000.0)]
     assert said == ["0.05 s", "60 s", "5 min", "5 h", "2 h", "10 d"]

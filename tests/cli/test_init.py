@@ -103,6 +103,13 @@ def test_columns_are_proposed_and_doubts_are_said(folder, daest):
     assert load_project().outputs == {"y": "ch2"}
 
 
+def test_a_unit_that_is_not_understood_is_said_where_no_column_fits(folder, daest):
+    text = (folder / "run1.csv").read_text().replace("time,u,y", "time,a,b [Voltz]")
+    (folder / "odd.csv").write_text(text)
+    _, out, _ = daest("init", "Lag.mo", "odd.csv")
+    assert "unit of b: 'Voltz' is not understood" in out and "unit of a" not in out
+
+
 def test_what_fits_nothing_is_left_to_the_user(folder, daest):
     text = (folder / "run1.csv").read_text().replace("time,u,y", "time,a,b")
     (folder / "odd.csv").write_text(text)

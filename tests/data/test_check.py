@@ -210,6 +210,18 @@ def test_small_faults_are_found_where_and_as_many_as_they_are():
     assert finding.code == "check-outliers" and finding.count == 1 and finding.at == pytest.approx(20.0)
 
 
+def test_a_wrong_pulse_count_of_a_sensor_with_few_steps_is_found_and_a_switch_is_none():
+    """A wheel whose speed is told in steps of 8.6 rpm, at rest before it turns; a valve that opens once."""
+    rng = np.random.default_rng(0)
+    speed = 8.6 * np.round(np.where(np.arange(N) < 300, 0, 10.5 + 0.6 * rng.normal(size=N)))
+    valve = np.where(np.arange(N) == 700, 1.0, 0.0)
+    assert np.unique(speed).size <= 10
+    assert not warnings_of({"speed": speed}) and not warnings_of({"position": valve})
+    speed[500] = 1482.0
+    (finding,) = warnings_of({"speed": speed})
+    assert finding.code == "check-outliers" and finding.count == 1 and finding.at == pytest.approx(5.0)
+
+
 @pytest.mark.parametrize("is_pulse", [False, True])
 def test_a_sensor_that_is_off_for_a_while_is_found_unless_an_input_tells_why(is_pulse):
     """A plug that was touched for 0.4 s; a voltage that falls by as much while a current flows."""

@@ -37,3 +37,12 @@ def test_rest_and_another_run_are_nothing_in_common():
     assert not repeated_rows(first[:10], first[:10]).any()
     parts = [recording(f"run ({part})", first) for part in ("estimation", "validation")]
     assert not repeated_findings(parts[:1], parts[1:])
+
+
+def test_two_runs_that_hunt_between_the_steps_of_a_sensor_have_nothing_in_common():
+    """A controlled motor, whose speed is told in steps of 9 rpm: the same orders of two values come again."""
+    speeds = np.array([85.0, 94.0])
+    runs = [np.random.default_rng(seed).integers(0, 2, 1500) for seed in (3, 4)]
+    runs[1][700:760] = runs[0][200:260]
+    first, second = (np.column_stack([np.full(1500, 100.0), speeds[run]]) for run in runs)
+    assert not repeated_rows(first, second).any()

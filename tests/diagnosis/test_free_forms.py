@@ -13,6 +13,8 @@ from daest.diagnosis.null_model.null import fit_null
 from daest.diagnosis.screening.candidates import pairs
 from daest.diagnosis.screening.free_forms import _basis, forms_of, free_forms, internal_variables, keep_forms
 from daest.diagnosis.screening.screen import run_null
+from daest.model.experiment import Experiment
+from daest.modelica.compile import compile_model
 from daest.modelica.effects.attach import attach
 from daest.modelica.places.sites import sites
 
@@ -114,6 +116,39 @@ def test_what_a_delay_keeps_of_its_signal_is_no_variable():
     null = fit_null(without_noises(flat), [s for s in sites(flat) if s.kind == "node"], (record,), "zoh")
     assert any("memory" in name for name in null.explicit.flat.unknown_names)
     assert not any("memory" in name for name in internal_variables(null, run_null(null)))
+
+
+BODY = """model Body
+  input Daest.Units.SI.Temperature T_air;
+  output Daest.Units.SI.Temperature T_core;
+  parameter Daest.Units.SI.ThermalConductance G = 0.7 annotation(__Daest(estimate = true));
+  Daest.Thermal.HeatTransfer.Components.HeatCapacitor body(C = 700);
+  Daest.Thermal.HeatTransfer.Components.ThermalConductor surface(G = G);
+  Daest.Thermal.HeatTransfer.Sources.PrescribedTemperature air;
+equation
+  air.T = T_air;
+  connect(air.port, surface.port_a);
+  connect(surface.port_b, body.port);
+  T_core = body.T;
+end Body;
+"""
+
+
+def test_of_proportional_variables_a_rate_which_contains_the_load_is_the_last(tmp_path):
+    """A body that one flow of heat warms: what follows its rate follows that flow, or its temperatures."""
+    (tmp_path / "Body.mo").write_text(BODY)
+    flat = compile_model(tmp_path / "Body.mo")
+    air = 300.0 + 20.0 * np.sin(np.arange(200) / 9.0)
+    core = np.full(200, 300.0)
+    for k in range(199):
+        core[k + 1] = core[k] + 10.0 * 0.7 / 700.0 * (air[k] - core[k])
+    noise = 0.01 * np.random.default_rng(0).normal(size=200)
+    record = Experiment(
+        "run", 10.0 * np.arange(200), air[:, None], (core + noise)[:, None], ("T_air",), ("T_core",)
+    )
+    null = fit_null(without_noises(flat), [s for s in sites(flat) if s.kind == "node"], (record,), "zoh")
+    names = internal_variables(null, run_null(null))
+    assert "body.der_T" not in names and any(name.startswith("surface.") for name in names)
 
 
 def test_variables_do_not_contain_the_load():

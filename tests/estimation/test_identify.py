@@ -11,6 +11,7 @@ from scipy.signal import decimate, lfilter
 
 from daest.errors import EXPLANATIONS, DaestError, EstimationError
 from daest.estimation.fitting.identifiability import ROUNDING, std_errors
+from daest.estimation.fitting.setup import check_records
 from daest.estimation.identify import identify
 from daest.model.experiment import Experiment
 from daest.model.fit import IdentifyOptions, NoiseChoice
@@ -450,6 +451,21 @@ def test_offset_that_the_initial_state_makes_is_refused(method):
     with pytest.raises(EstimationError) as caught:
         identify(offset_of_a_store(), [measured], IdentifyOptions(method=method))
     assert caught.value.code == "identify-no-influence" and "offset" in caught.value.what
+
+
+@pytest.mark.parametrize(("first", "is_told"), [(0.0, True), (1.0, False)])
+def test_a_step_before_the_first_sample_is_told_from_a_machine_that_hunts(first, is_told):
+    """A motor that reaches its speed within 15 of 1500 samples and hunts between steps of its sensor."""
+    noise = np.random.default_rng(0).choice([0.9, 1.0], size=1500)
+    way = (1.0 - first) * np.exp(-np.arange(1500) / 5.0)
+    record = replace(simulated(1), inputs=np.full((1500, 1), 2.0))
+    outputs = np.tile((noise - way)[:, None], (1, record.outputs.shape[1]))
+    if is_told:
+        check_records(rig(), [replace(record, outputs=outputs)], 5)
+        return
+    with pytest.raises(EstimationError) as caught:
+        check_records(rig(), [replace(record, outputs=outputs)], 5)
+    assert caught.value.code == "identify-constant-input"
 
 
 REFUSALS = {

@@ -17,7 +17,9 @@ from daest.errors import DataError
 
 Factors = dict[str, int]  # unit symbol -> exponent
 
-_TOKEN = re.compile(r"\s*(?:(?P<symbol>[A-Za-zµμΩ°%_]+)|(?P<number>[+-]?\d+)|(?P<mark>\*\*|[./*()^·]))")
+_TOKEN = re.compile(
+    r"\s*(?:(?P<symbol>(?:[cm]?m|in)H2O|[A-Za-zµμΩ°%_]+)|(?P<number>[+-]?\d+)|(?P<mark>\*\*|[./*()^·]))"
+)
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _SPELLINGS = {  # Modelica and loggers -> pint
     "°": "deg",
@@ -29,6 +31,18 @@ _SPELLINGS = {  # Modelica and loggers -> pint
     "r": "turn",
     "U": "turn",  # as German rigs write turns: U/min
     "RPM": "rpm",
+    "Torr": "torr",
+    "mTorr": "mtorr",
+    "PSI": "psi",
+    "Volt": "V",
+    "Volts": "V",
+    "Amp": "A",
+    "Amps": "A",
+    "Watt": "W",
+    "Watts": "W",
+    "Celsius": "degC",
+    "Fahrenheit": "degF",
+    "Kelvin": "K",
 }
 _BASES = ("[length]", "[mass]", "[time]", "[current]", "[temperature]")
 _SI = {  # exponents of the bases

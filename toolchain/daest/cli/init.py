@@ -78,7 +78,7 @@ def command(
         temporary.write_text(project_text(draft), encoding="utf-8")
     project = load_project(file)
     checks = [checked(path, project, flat) for path in data]
-    emit(_document(file, draft, checks), "init", form, None, _text)
+    emit(_document(file, draft, checks, tables), "init", form, None, _text)
 
 
 def _split(tables: Sequence[Table], *, is_driven: bool) -> float | None:
@@ -203,7 +203,8 @@ def _relative(path: Path, file: Path) -> str:
     return Path(os.path.relpath(path.resolve(), file.resolve().parent)).as_posix()
 
 
-def _document(file: Path, draft: Any, checks: Sequence[DataCheck]) -> InitDocument:
+def _document(file: Path, draft: Any, checks: Sequence[DataCheck], tables: Sequence[Table]) -> InitDocument:
+    from daest.quantities import is_known_unit
     from daest.report.documents.parts import entry
     from daest.report.documents.project import Clock, RecordedFinding
 
@@ -219,6 +220,11 @@ def _document(file: Path, draft: Any, checks: Sequence[DataCheck]) -> InitDocume
         "noises": draft.flat.noise_names,
         "time": draft.time,
         "units": dict(draft.units),
+        "unread_units": {
+            column.name: column.unit
+            for column in (tables[0].columns if tables and not is_complete else ())
+            if column.unit and not is_known_unit(column.unit)
+        },
         "recordings": [entry(Clock, check) for check in checks],
         "findings": [
             entry(RecordedFinding, finding, recording=check.name)
@@ -244,6 +250,8 @@ def _text(document: Mapping[str, Any], width: int, color: bool) -> str:
         lines.append(f"  time: {document['time']}, please check")
     for column, unit in document["units"].items():
         lines.append(f"  unit of {column}: {unit}, please check")
+    for column, unit in document["unread_units"].items():
+        lines.append(f"  unit of {column}: '{unit}' is not understood, write it as in N.m, W/(m2.K), degC, 1")
     for recording in document["recordings"]:
         lines.append(f"  {recording['name']}: {clock_words(recording)}")
     marked = ", ".join(document["estimate"]) or f"NONE MARKED, see [parameters] of {document['file']}"

@@ -139,8 +139,10 @@ def column_findings(samples: Samples, n_missing: int) -> list[Finding]:
         level: Level = "warning" if samples.role == "output" else "note"
         text = f"is constant at {samples.values[0]:.6g}"
         return [*found, Finding("check-constant", level, samples.name, text)]
-    if samples.values.size < DATA.told_values or n_levels <= DATA.switch_levels:
+    if samples.values.size < DATA.told_values:
         return found
+    if n_levels <= DATA.switch_levels:
+        return found if samples.role == "input" else found + _outliers(samples, beyond_all=True)
     if samples.role == "input":
         return found + _saturation(samples)
     # A value that a signal drops to, or is limited to, is neither an outlier nor where a sensor got stuck.
@@ -297,7 +299,9 @@ def _is_dead(samples: Samples, starts: np.ndarray, lengths: np.ndarray) -> np.nd
     return np.where(samples.values[starts] == 0, falls, holds)
 
 
-def _outliers(samples: Samples) -> list[Finding]:
+def _outliers(samples: Samples, beyond_all: bool = False) -> list[Finding]:
+    """Single samples that stand off while their neighbours agree; `beyond_all`: far from all others, as must
+    be in a signal with few levels, which is a switch or a sensor with large steps."""
     rest, limit = samples.spikes
     values = samples.values
     spikes = np.nonzero(np.abs(rest) > limit)[0]
@@ -308,6 +312,11 @@ def _outliers(samples: Samples) -> list[Finding]:
     spikes = np.array(
         [i for i in spikes if abs(rest[i]) > DATA.spike_steps * _steps_around(values, i)], dtype=int
     )
+    if beyond_all and spikes.size:
+        others = np.delete(values, spikes)
+        low, high = float(others.min()), float(others.max())
+        off = np.maximum(low - values[spikes], values[spikes] - high)
+        spikes = spikes[off > DATA.spike_beyond * (high - low)]
     if not spikes.size or spikes.size > max(DATA.rare * values.size, 1):
         return []
     worst = spikes[np.argmax(np.abs(rest[spikes]))]

@@ -28,7 +28,8 @@ def repeated_findings(seen: Sequence[Experiment], unseen: Sequence[Experiment]) 
 
 def repeated_rows(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Which rows of `second` (m, k) stand in `first` (n, k) as well, (m,) of bool: as parts of stretches that
-    are long and change all along, since a machine at rest gives equal rows anywhere."""
+    are long, change all along and have many different rows: a machine at rest gives equal rows anywhere, and
+    one that hunts between few steps of its sensor gives the same orders of them by chance."""
     length = int(DATA.repeated_stretch)
     repeated = np.zeros(len(second), dtype=bool)
     if min(len(first), len(second)) < length or first.shape[1] != second.shape[1]:
@@ -40,6 +41,9 @@ def repeated_rows(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     here, there = numbers[: len(first)], numbers[len(first) :]
     is_there = np.isin(_stretches(there, length), _stretches(here, length))
     starts = np.flatnonzero(is_there & _moves(there, length))
+    starts = np.array(
+        [at for at in starts if np.unique(there[at : at + length]).size >= DATA.repeated_rows], dtype=int
+    )
     for offset in range(length):
         repeated[starts + offset] = True
     return repeated

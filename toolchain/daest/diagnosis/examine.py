@@ -271,12 +271,19 @@ def _decided(
         return evidence, decided, None
     progress(f"refitting with the load as a curve over {form.label}")
     learned, longest = None, max(LATE_SECONDS, LATE_TIMES * stand.baseline.seconds)
-    with suppress(OutOfTimeError), until(time.monotonic() + longest):
-        learned = _learned(stand, run, form)
-    if learned is not None and learned.against:
+    not_asked = f"a model in which it follows {form.variable} depends on itself"
+    try:
+        with until(time.monotonic() + longest):
+            learned = _learned(stand, run, form)
+    except OutOfTimeError:
+        not_asked = "the time was up"
+    if learned is None:
+        evidence = replace(evidence, rest=replace(loads, not_asked=not_asked))
+        return evidence, decide(evidence), None
+    if learned.against:
         evidence = replace(evidence, rest=replace(loads, against_form=learned.against))
         return evidence, decide(evidence), learned
-    return evidence, decided, None if learned is None else with_formula(learned)
+    return evidence, decided, with_formula(learned)
 
 
 class _Beside:

@@ -38,8 +38,8 @@ from daest.quantities import spoken_duration
 @dataclass(frozen=True)
 class Loads:
     """The rest where unknown loads stand beside the model as it is. `form` is what the load follows best,
-    `against_form` why unseen data speak against a curve over its variable, `starts` those that begin with the
-    recording from nowhere."""
+    `against_form` why unseen data speak against a curve over its variable, `not_asked` why they
+    were not asked, `starts` those that begin with the recording from nowhere."""
 
     flat: FlatModel
     null: Null
@@ -47,6 +47,7 @@ class Loads:
     gains: tuple[PlaceGain, ...]
     form: FreeForm | None
     against_form: str = ""
+    not_asked: str = ""
     starts: tuple[LoadStart, ...] = ()
 
     @property
@@ -253,10 +254,17 @@ def _has_unexpected_load(loads: Loads) -> bool:
 
 def _unknown(evidence: Evidence, loads: Loads, form: FreeForm) -> Decided:
     nearest = _nearest(evidence)
+    place = _group(loads.gains[form.load])
     text = (
-        f"An effect that the library does not hold acts at {_group(loads.gains[form.load])}: the "
-        f"unexplained load follows {form.label} (p = {form.p_value:.1g}); the curve is given."
+        f"An effect that the library does not hold acts at {place}: the unexplained load follows "
+        f"{form.label} (p = {form.p_value:.1g}); the curve is given."
     )
+    if loads.not_asked:
+        text = (
+            f"An unexplained load acts at {place}. It seems to follow {form.label} (p = {form.p_value:.1g}), "
+            f"and the curve is given, but unseen data were not asked whether that is a law or noise: "
+            f"{loads.not_asked}."
+        )
     text += _told_nearest(nearest) + foreseen_by(evidence, nearest)
     record = f"Record {form.variable} over a wider range, slowly and in both directions, to tell its form."
     return Decided("unknown effect", text, record)

@@ -40,6 +40,7 @@ N_ANGLES = 16  # at which the curve over a turn is shown
 SPEED_UNITS = ("rad/s", "m/s")
 ANGLE_UNIT = "rad"
 AT_ONCE = 64  # courses that are sent along a recording together: what fits into memory
+SAME = 1e-9  # share of its size, within which a variable is the same with loads as without
 JUMP = 3.0  # times that, where the curve is shown beside its jump
 
 Apart = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # what no parameter explains, and its share
@@ -304,13 +305,14 @@ def internal_variables(
     loads = {load.name for load in null.loads}
     found: dict[str, np.ndarray] = dict(zip(one.input_names, one.inputs.T, strict=True))
     seen = [_normalised(x) for x in found.values()]
-    # Of proportional variables the `named` come first, then states, then motions before torques and flows.
-    own = set(explicit.state_names)
+    # Of proportional variables the `named` come first, then states, then those without the loads, over which
+    # a curve can be fitted, then motions before torques and flows.
+    own, loaded = set(explicit.state_names), _with_loads(null, run, experiment, values)
     in_order = sorted(
-        zip(explicit.flat.unknowns, values, strict=True),
-        key=lambda pair: (pair[0].name not in named, pair[0].name not in own, pair[0].is_flow),
+        zip(explicit.flat.unknowns, values, loaded, strict=True),
+        key=lambda one: (one[0].name not in named, one[0].name not in own, one[2], one[0].is_flow),
     )
-    for variable, row in in_order:
+    for variable, row, _ in in_order:
         if variable.name in loads or is_memory_of_delay(variable.name):
             continue
         if not np.all(np.isfinite(row)) or np.ptp(row) == 0.0:
@@ -337,6 +339,15 @@ def _variables_at(null: Null, one: Experiment, states: np.ndarray, inputs: np.nd
     unloaded = states * [name not in loads for name in null.explicit.state_names]
     moved = replace(one, inputs=inputs)
     return variables_along(null.explicit, null.theta, moved, null.hold, unloaded).T
+
+
+def _with_loads(null: Null, run: NullObserver, number: int, values: np.ndarray) -> list[bool]:
+    """Which internal variables contain loads, as the rate of a store does, given the `values` (n, n_samples)
+    of all without them along the filtered trajectory."""
+    one, states = null.experiments[number], run.observed[number].filtered
+    with_loads = variables_along(null.explicit, null.theta, one, null.hold, states).T
+    sizes = np.max(np.abs(values), axis=1) + np.max(np.abs(with_loads), axis=1)
+    return [bool(x) for x in np.max(np.abs(with_loads - values), axis=1) > SAME * sizes]
 
 
 def _normalised(x: np.ndarray) -> np.ndarray:

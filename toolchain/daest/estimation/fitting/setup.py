@@ -36,6 +36,7 @@ from daest.model.parts import prior_unused
 from daest.near import near_names
 
 NO_INFLUENCE = "identify-no-influence"
+FIRST = 3  # samples, of which at most one is wrong
 
 
 def known_name(name: str, known: Sequence[str], what: str) -> int:
@@ -164,13 +165,20 @@ def no_start(reason: str = "") -> EstimationError:
 
 
 def _settles(outputs: np.ndarray) -> bool:
-    """Whether an output (n_samples, n_y) moves much less in the second half of a recording: what follows a
-    step before its first sample, or a release."""
+    """Whether an output (n_samples, n_y) moves much less in the second half of a recording, or begins far
+    from where it is then: what follows a step before its first sample, or a release. A short way counts
+    little beside the noise of a long rest, and one wrong sample is none."""
     late = outputs[len(outputs) // 2 :]
-    return any(
-        np.isfinite(part).sum() > 1 and np.nanstd(part) < FIT.settled_share * np.nanstd(whole)
-        for part, whole in zip(late.T, outputs.T, strict=True)
-    )
+    return any(_calms(part, whole) for part, whole in zip(late.T, outputs.T, strict=True))
+
+
+def _calms(late: np.ndarray, whole: np.ndarray) -> bool:
+    known = whole[np.isfinite(whole)]
+    if np.isfinite(late).sum() <= 1:
+        return False
+    spread = float(np.nanstd(late))
+    begins_off = abs(float(np.median(known[:FIRST])) - float(np.nanmean(late))) > FIT.settled_start * spread
+    return begins_off or spread < FIT.settled_share * float(np.nanstd(whole))
 
 
 POINTS = 5  # random points on each switching surface

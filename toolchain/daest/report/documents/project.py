@@ -36,6 +36,7 @@ class InitDocument(TypedDict):
     noises: list[str]
     time: Annotated[str | None, "column of the time where it is not called so"]
     units: Annotated[dict[str, str], "of columns, from their names"]
+    unread_units: Annotated[dict[str, str], "of columns, not understood, where some signal has no column"]
     recordings: Annotated[list[Clock], "their clocks, as they will be read"]
     findings: list[RecordedFinding]
 
