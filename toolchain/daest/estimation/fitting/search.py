@@ -309,6 +309,15 @@ def _steps(here: Evaluation, free: np.ndarray) -> _Steps:
     return _SpectralSteps(here, free, scale, information)
 
 
+def whole_step(here: Evaluation, free: np.ndarray) -> np.ndarray:
+    """The undamped step (n_z,) over the coordinates that are `free` (n_z,), however long."""
+    scale, information = _scaled(here, free)
+    step = np.zeros(free.size)
+    pull = -here.gradient[free] / scale
+    step[free] = np.linalg.pinv(information, FIT.flat_direction, hermitian=True) @ pull / scale
+    return step
+
+
 def _scaled(here: Evaluation, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The square roots of the diagonal of the information over the free coordinates, and that information in
     units in which they are 1."""
