@@ -309,13 +309,15 @@ def _steps(here: Evaluation, free: np.ndarray) -> _Steps:
     return _SpectralSteps(here, free, scale, information)
 
 
-def whole_step(here: Evaluation, free: np.ndarray) -> np.ndarray:
-    """The undamped step (n_z,) over the coordinates that are `free` (n_z,), however long."""
+def whole_step(here: Evaluation, free: np.ndarray) -> tuple[np.ndarray, float]:
+    """The undamped step (n_z,) over the coordinates that are `free` (n_z,), however long, and what it
+    promises to gain."""
     scale, information = _scaled(here, free)
-    step = np.zeros(free.size)
     pull = -here.gradient[free] / scale
-    step[free] = np.linalg.pinv(information, FIT.flat_direction, hermitian=True) @ pull / scale
-    return step
+    own = np.linalg.pinv(information, FIT.flat_direction, hermitian=True) @ pull
+    step = np.zeros(free.size)
+    step[free] = own / scale
+    return step, float(pull @ own / 2)
 
 
 def _scaled(here: Evaluation, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

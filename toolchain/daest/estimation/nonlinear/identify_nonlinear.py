@@ -308,26 +308,28 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
 def _alone(
     setup: Setup, problem: TrajectoryProblem, z: np.ndarray, levels: Levels, average: AverageModel | None
 ) -> np.ndarray:
-    """z with the initial states that suit its parameters and noise `levels`, where whole steps lead there: of
-    a model that is affine the first one does, while a search for everything at once, whose steps are short
-    where states do nearly alike, creeps. Shapes: z (n_z,)."""
+    """z with the initial states that suit its parameters and noise `levels`, where these are far from them
+    and whole steps lead there: of a model that is affine the first one does, while a search for everything at
+    once, whose steps are short where states do nearly alike, creeps. Shapes: z (n_z,)."""
     family = None if average is None else free_gains(setup, average, levels)
     if family is not None and family.at(np.zeros(family.n_logs)) is not None:
         problem = with_family(problem, family)
     value, n_logs = objective(problem), 0 if problem.family is None else problem.family.n_logs
     best, n = np.concatenate([z, np.zeros(n_logs)]), len(problem.unknowns.coordinates)
     lower, upper = limits(problem)
+    enough = FIT.misplaced_start * setup.n_observed
     here = value(best, True)
     for _ in range(START_STEPS):
         if here is None:
             break
         own = free_coordinates(best, here, lower, upper)
         own[:n] = own[z.size :] = False
-        step = whole_step(here, own)
-        there = value(np.clip(best + step, lower, upper), True)
-        if there is None or not here.value - there.value > FIT.rough_start_gain:
+        step, promised = whole_step(here, own)
+        moved = np.clip(best + step, lower, upper)
+        there = value(moved, True) if promised > enough else None
+        if there is None or here.value - there.value < enough:
             break
-        best, here = np.clip(best + step, lower, upper), there
+        best, here = moved, there
     return best[: z.size]
 
 
