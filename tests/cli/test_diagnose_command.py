@@ -148,7 +148,7 @@ def test_interrupted_run_goes_on(cart, daest, monkeypatch):
 
 
 def test_without_time_the_leaders_are_named_and_the_same_command_goes_on(cart, daest):
-    late, err = diagnosis(daest, "rub.csv", *COULOMB, "--time-limit", "0.001")
+    late, _ = diagnosis(daest, "rub.csv", *COULOMB, "--time-limit", "0.001")
     assert late["verdict"] == "cannot tell" and "the time was up" in late["message"]
     assert "The time was up before all of them were refitted" in late["message"]
     (leader,) = late["candidates"]
