@@ -147,6 +147,16 @@ def test_interrupted_run_goes_on(cart, daest, monkeypatch):
     ]
 
 
+def test_without_time_the_leaders_are_named_and_the_same_command_goes_on(cart, daest):
+    late, _ = diagnosis(daest, "rub.csv", *COULOMB, "--time-limit", "0.001")
+    assert late["verdict"] == "cannot tell" and "the time was up" in late["message"]
+    assert "The time was up before all of them were refitted" in late["message"]
+    (leader,) = late["candidates"]
+    assert leader["effect"] == "CoulombFriction" and "the time was up" in leader["reason"]
+    assert "same command again" in late["next_experiment"]
+    assert diagnosis(daest, "rub.csv", *COULOMB)[0]["verdict"] == "supported"
+
+
 def test_the_null_and_the_screen_are_kept_too(cart, daest, monkeypatch, tmp_path):
     """An interrupted run fits the model as it is, and screens, once; what was kept changes no number."""
     (tmp_path / "cache").mkdir()

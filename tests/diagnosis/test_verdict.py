@@ -316,6 +316,16 @@ def test_leader_that_was_not_begun_in_time_is_no_work_for_the_user():
     assert "same command again" in found.next_experiment and "QuadraticDrag" in found.next_experiment
 
 
+def test_leader_that_was_not_begun_in_time_forbids_a_claim_with_a_lower_score_too():
+    """Many refits go beyond what the screen foresees; but none to four times of it."""
+    late = replace(untried(5.0), is_late=True, reason="it was not refitted: the time was up")
+    found = decide(replace(evidence(proofs=[proof()]), unproved=(late,)))
+    assert found.name == "cannot tell" and "may say as much" in found.message
+    left = replace(evidence().rest.form, p_value=0.5, statistic=1.0)
+    settled = replace(proof(), delta_log_likelihood=1000.0, left=left)
+    assert decide(replace(evidence(proofs=[settled]), unproved=(late,))).name == "supported"
+
+
 def test_what_pieces_show_is_told_as_theirs():
     used = InUse(
         fitted=1.0, unseen=2.0 * np.log(2.0), n_independent=40.0, n_unseen=30.0, certainty=4.0, piece=0.5

@@ -201,6 +201,25 @@ def test_hopeless_warm_start_is_not_pursued():
     assert fits[0].log_likelihood <= fits[1].log_likelihood + 1e-6
 
 
+def test_states_that_stood_beside_loads_are_looked_for_first(monkeypatch):
+    """Beside a load that is gone the rotor stood far from where it begins, and turned fast: before the first
+    iteration it is where it begins."""
+    monkeypatch.setattr(identify_nonlinear_module, "ROUGH_ITERATIONS", 0)
+    experiments = [record(800, 1, 0.0)]
+    far = ({"phi": 500.0, "w": -90.0},)
+    fits = {}
+    for alone in (True, False):
+        warm = WarmStart(np.array([1e-4]), np.array([0.005]), far, is_rough=True, stand_beside=alone)
+        fits[alone] = refit(experiments, warm, J=0.45, d=0.35, stick=0.1).fit
+    assert fits[True].log_likelihood > fits[False].log_likelihood + 100.0
+    known = WarmStart(np.array([1e-4]), np.array([0.005]), ({"phi": 0.0, "w": 0.0},), is_rough=True)
+    near = [
+        refit(experiments, dataclasses.replace(known, stand_beside=alone), J=0.45, d=0.35, stick=0.1).fit
+        for alone in (True, False)
+    ]
+    assert near[0].log_likelihood == near[1].log_likelihood
+
+
 @pytest.mark.parametrize(("intensity", "wins"), [(1e-4, False), (1e-1, True)])
 def test_second_start_shows_over_a_part_of_the_recordings_whether_it_can_win(monkeypatch, intensity, wins):
     """With next to no noise of the process, where the first start had it right, and where it had far too

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from daest.estimation.fitting import search
-from daest.estimation.fitting.search import Evaluation, _Course, _leaped, minimise
+from daest.estimation.fitting.search import Evaluation, _Course, _leaped, minimise, whole_step
 
 FREE = np.full(2, np.inf)
 
@@ -168,6 +168,19 @@ def test_leap_to_where_a_coordinate_does_nothing_goes_on_without_it():
     assert there.value < here.value and z[1] == 1.0
     here = Evaluation(1e4, np.ones(2), np.eye(2))  # better than all that the way back finds
     assert _leaped(far, here, 1e9, -bounds, bounds, course) is None
+
+
+def test_whole_step_goes_to_the_minimum_however_far():
+    """Over the coordinates that are free; also where these do nearly alike, and a damped one would be
+    short."""
+    nearly_alike = np.array([[1.0, 0.0, 0.3], [0.0, 1.0, 1.0], [0.0, 1.0, 1.0 + 1e-2]])
+    H = nearly_alike.T @ nearly_alike
+    z, best = np.zeros(3), np.array([3.0, 1e3, -2e3])
+    here = Evaluation(0.5 * best @ H @ best, -H @ best, H)
+    step, promised = whole_step(here, np.ones(3, dtype=bool))
+    assert z + step == pytest.approx(best, rel=1e-6) and promised == pytest.approx(here.value, rel=1e-6)
+    step, promised = whole_step(here, np.array([True, False, False]))
+    assert step[1:] == pytest.approx([0.0, 0.0]) and promised < here.value
 
 
 def segments(n, bend):

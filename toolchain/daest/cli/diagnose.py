@@ -26,6 +26,7 @@ from daest.cli.options import (
     result_options,
     seed_option,
     split_data_options,
+    time_limit_option,
 )
 from daest.cli.output import emit, keep_inputs, note, telling, whole_file
 from daest.cli.progress import progress
@@ -128,6 +129,7 @@ class Case:
 @click.command("diagnose", epilog=example("daest diagnose Servo.mo run1.csv --split 0.5 --fix R=4.6"))
 @files("[MODEL] [DATA]...")
 @parameter_options
+@time_limit_option("refit no further law, and tell what those say that were")
 @search_options
 @model_options
 @split_data_options
@@ -135,6 +137,7 @@ class Case:
 def command(
     files: Files,
     parameters: ParameterOptions,
+    time_limit: float,
     search: Search,
     model_options: ModelOptions,
     data_options: DataOptions,
@@ -163,7 +166,7 @@ def command(
         is_extended=False,
         parameters=parameters,
     )
-    case, diagnosis = diagnosed(case)
+    case, diagnosis = diagnosed(replace(case, options=replace(case.options, time_limit=time_limit).begun()))
     document = written_document(case, diagnosis)
     with telling(lambda: emit(document, "diagnose", form, output, texts.text)):
         keep_diagnosis(project, document, origin(case))
@@ -460,9 +463,10 @@ def diagnosed(case: Case) -> tuple[Case, Diagnosis]:
 
     with progress() as show:
         found = found_in(case)
-        if found.is_by_colour and case.as_recorded is not None:
+        if found.is_by_colour and case.as_recorded is not None and not case.options.is_over:
             note(AS_RECORDED)
             finer = case.as_recorded()
+            finer = replace(finer, options=replace(finer.options, until=case.options.until))
             again = found_in(finer)
             if not again.is_by_colour:
                 case, found = finer, again

@@ -22,6 +22,7 @@ from daest.cli.options import (
     model_options,
     plot_option,
     split_data_options,
+    time_limit_option,
 )
 from daest.cli.output import IMPROVED, LEDGER, emit, note, telling, write_text
 from daest.cli.progress import progress
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from daest.model.holds import Hold
 
 PICTURE = "staircase.png"
-TIME_LIMIT = 300.0  # seconds, after which models are still written and simulated
 CLOSE = 0.05  # relative difference of errors up to which a written model counts as the one that was fitted
 
 
@@ -50,14 +50,7 @@ CLOSE = 0.05  # relative difference of errors up to which a written model counts
     metavar="N",
     help=f"Stop after N effects (default: {MOST_EFFECTS}).",
 )
-@click.option(
-    "--time-limit",
-    type=click.FloatRange(min=0.0, min_open=True),
-    default=TIME_LIMIT,
-    metavar="SECONDS",
-    help=f"After this time tell the best model so far; the same command goes on from there "
-    f"(default: {TIME_LIMIT:.0f} s).",
-)
+@time_limit_option("tell the best model so far")
 @search_options
 @click.option(
     "-o",

@@ -19,6 +19,7 @@ import click
 from daest.cli import offered
 from daest.cli.output import whole_file
 from daest.errors import ConfigError
+from daest.model.defaults import TIME_LIMIT
 from daest.model.parts import Prior
 
 if TYPE_CHECKING:
@@ -288,6 +289,17 @@ measure_option = click.option(
     multiple=True,
     help="Use this output alone; daest filter compares the other measured ones with their estimates.",
 )
+
+
+def time_limit_option(what: str) -> Callable[[Command], Command]:
+    """--time-limit, after which a command does `what`."""
+    return click.option(
+        "--time-limit",
+        type=click.FloatRange(min=0.0, min_open=True),
+        default=TIME_LIMIT,
+        metavar="SECONDS",
+        help=f"After this time {what}; the same command goes on from there (default: {TIME_LIMIT:.0f} s).",
+    )
 
 
 def kind_option(kinds: Iterable[str]) -> Callable[[Command], Command]:

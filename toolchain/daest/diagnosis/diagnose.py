@@ -29,6 +29,7 @@ from daest.diagnosis.recordings.holds import (
     IN_VAIN,
     HeldOtherwiseError,
     Holds,
+    is_unsettled,
     says_as_much,
     says_more,
     unsettled_hold,
@@ -46,6 +47,11 @@ from daest.model.flat import FlatModel, Model, with_equations
 from daest.model.holds import Hold, hold_text
 from daest.modelica.places.sites import sites, unused_inputs
 from daest.numerics.threads import one_thread
+
+NO_OTHER_LOOK = (
+    " The time was up before it was known whether another look says more, with the inputs held otherwise, "
+    "other loads or other starts."
+)
 
 
 @one_thread()  # many small matrices: a second thread only waits
@@ -77,6 +83,8 @@ def diagnose(
             *switching_case(flat, library, experiments, validation, options), options, progress
         )
     found = _from_inside(flat, library, experiments, validation, options, progress)
+    if options.is_over and found.is_whole and is_unsettled(found):
+        found = replace(found, message=found.message + NO_OTHER_LOOK, is_whole=False)
     return replace(found, seconds=time.perf_counter() - began)
 
 

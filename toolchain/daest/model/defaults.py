@@ -14,3 +14,6 @@ LEAST_NULL_RECORDS = 99
 
 MOST_EFFECTS = 6
 """Effects that `daest improve` adds."""
+
+TIME_LIMIT = 300.0
+"""Seconds after which `daest diagnose` begins no further refit and `daest improve` no further round."""

@@ -120,14 +120,16 @@ def _beside_earlier(evidence: Evidence) -> Decided:
 
 def _untried_leader(evidence: Evidence, accepted: Sequence[Proof]) -> Unproved | None:
     """A candidate whose refit failed, with a score that none of the accepted ones reaches: in the screen, or
-    by far in its refit, which leaves nothing that follows a variable. A score s foresees a gain of s² / 2."""
+    by far in its refit, which leaves nothing that follows a variable. A score s foresees a gain of s² / 2.
+    One for which the time did not suffice may win with less: many refits go beyond what the screen foresees.
+    """
     scores = {entry.candidate.name: entry.score for entry in evidence.screen.entries}
     best = max((scores.get(p.candidate.name, 0.0) for p in accepted), default=0.0)
     gained = max((p.delta_log_likelihood for p in accepted if is_settled([p])), default=0.0)
     failed = [
         u
         for u in evidence.unproved
-        if u.has_failed and u.p_value < GATES.missing_level and u.score > best
+        if u.has_failed and u.p_value < GATES.missing_level and (u.score > best or u.is_late)
         if u.score**2 / 2.0 > GATES.max_untried_promise * gained
     ]
     return max(failed, key=lambda u: u.score, default=None)
@@ -198,7 +200,8 @@ def _named(proof: Proof) -> str:
 
 
 def _says_more(leader: Unproved) -> str:
-    return f"{leader.candidate.label} says more in the screen (p = {leader.p_value:.1g}), and {leader.reason}"
+    says = "may say as much" if leader.is_late else "says more in the screen"
+    return f"{leader.candidate.label} {says} (p = {leader.p_value:.1g}), and {leader.reason}"
 
 
 def _explains_more(evidence: Evidence, better: Proof) -> str:

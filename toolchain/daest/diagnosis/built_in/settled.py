@@ -245,6 +245,7 @@ def _fit(
             at_rest=tuple(load.name for load in null.loads),
             shares=(1.0,),
             is_rough=is_rough,
+            stand_beside=before is None,
         ),
     )
 

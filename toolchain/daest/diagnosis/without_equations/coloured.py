@@ -5,7 +5,9 @@ every diagnosis (`verdict.decide`)."""
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -16,6 +18,7 @@ from daest.diagnosis.answers.decided import Decided, Evidence, foreseen_by
 from daest.diagnosis.answers.verdict import decide
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
+from daest.diagnosis.refits.stages import TIME_IS_UP
 from daest.diagnosis.screening.screen import projected, scored
 from daest.errors import DaestError, EstimationError
 from daest.estimation.identify import identify
@@ -23,7 +26,8 @@ from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen, Screened,
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter, IdentifyOptions, error_ratios
 from daest.model.flat import Model
-from daest.numerics.parallel import workers
+from daest.numerics.deadline import OutOfTimeError, until
+from daest.numerics.parallel import Outcome, workers
 from daest.numerics.statistics import chi2, ljung_box
 from daest.systems.events.integration import IntegrationError
 
@@ -248,16 +252,20 @@ def refitted(
     step: str,
 ) -> tuple[tuple[Proof, ...], tuple[Unproved, ...]]:
     """The proofs of the leaders, in several processes, each now or of an earlier run as `step`; and the
-    leaders with which the model could not be refitted."""
+    leaders with which the model could not be refitted, or was not for want of time."""
     for leader in leaders:
         progress(f"refitting with {leader.label}")
-    with workers(options.jobs, options.cluster) as pool:
-        seconds = REFIT_SECONDS * baseline.seconds
-        outcomes = list(pool.map(partial(_kept, proof, flat, options, step), leaders, seconds=seconds))
+    outcomes: dict[int, Outcome[Proof]] = {}
+    with workers(options.jobs, options.cluster) as pool, suppress(OutOfTimeError), until(options.until):
+        work, seconds = partial(_kept, proof, flat, options, step), REFIT_SECONDS * baseline.seconds
+        deque(pool.map(work, leaders, seconds=seconds, arrived=outcomes.__setitem__), maxlen=0)
     proofs: list[Proof] = []
     failed: list[Unproved] = []
-    for leader, outcome in zip(leaders, outcomes, strict=True):
-        if isinstance(outcome.error, IntegrationError | DaestError):
+    for number, leader in enumerate(leaders):
+        outcome = outcomes.get(number)
+        if outcome is None or isinstance(outcome.error, OutOfTimeError):
+            failed.append(replace(_unproved(leader), reason=TIME_IS_UP, is_late=True))
+        elif isinstance(outcome.error, IntegrationError | DaestError):
             failed.append(_unproved(leader))
         else:
             proofs.append(outcome.get())

@@ -309,6 +309,17 @@ def _steps(here: Evaluation, free: np.ndarray) -> _Steps:
     return _SpectralSteps(here, free, scale, information)
 
 
+def whole_step(here: Evaluation, free: np.ndarray) -> tuple[np.ndarray, float]:
+    """The undamped step (n_z,) over the coordinates that are `free` (n_z,), however long, and what it
+    promises to gain."""
+    scale, information = _scaled(here, free)
+    pull = -here.gradient[free] / scale
+    own = np.linalg.pinv(information, FIT.flat_direction, hermitian=True) @ pull
+    step = np.zeros(free.size)
+    step[free] = own / scale
+    return step, float(pull @ own / 2)
+
+
 def _scaled(here: Evaluation, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The square roots of the diagonal of the information over the free coordinates, and that information in
     units in which they are 1."""

@@ -20,7 +20,7 @@ from daest.estimation.fitting.optimum import WAKING, best_point, rank
 from daest.estimation.fitting.profile import Tell, silent
 from daest.estimation.fitting.records import part_of
 from daest.estimation.fitting.result import assembled, fit_result
-from daest.estimation.fitting.search import Evaluation, minimise
+from daest.estimation.fitting.search import Evaluation, free_coordinates, minimise, whole_step
 from daest.estimation.fitting.setup import NO_INFLUENCE, Setup, no_start
 from daest.estimation.gates import FIT
 from daest.estimation.nonlinear.gain_family import Levels
@@ -60,6 +60,7 @@ from daest.systems.tolerances import SOLVER
 # a cold search takes near zero.
 WARM_RTOL, WARM_ATOL_OF_SCALE = 1e-4, 0.1
 ROUGH_ITERATIONS = 8
+START_STEPS = 3  # of a search for initial states alone
 SHORT = 0.25  # of the recordings, over which a further start shows first whether it can win ...
 FEWEST_IN_SHORT = 500  # ... where that part has as many samples
 WARM_ROUNDS = 4
@@ -74,7 +75,9 @@ class WarmStart:
     `hopeless` is the last, and a search ends where it gains too little to come up to `least`. The simulations
     that validate begin with the states `at_rest` at zero: they stand for noise. `shares` of the intensity are
     started from: what the similar model called noise may now be explained, so that next to none is the other
-    start. A search that `is_rough` ends with its first pass."""
+    start. A search that `is_rough` ends with its first pass. Where the initial states `stand_beside` loads
+    that the model does not have, those of the model alone are looked for first: what a load has held where
+    it is for the whole record lets go at the first sample."""
 
     intensity: np.ndarray  # (n_w,)
     measurement_std: np.ndarray  # (n_y,)
@@ -84,6 +87,7 @@ class WarmStart:
     least: float = -np.inf
     shares: tuple[float, ...] = (1.0, FIT.explained_noise)
     is_rough: bool = False
+    stand_beside: bool = False
 
     @property
     def levels(self) -> Levels:
@@ -265,6 +269,8 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
     problem = replace(problem, atol_of_scale=WARM_ATOL_OF_SCALE)
     problem, z = leaning(problem, z)
     average = average_along(problem, z)
+    if warm.stand_beside:
+        z = _alone(setup, problem, z, warm.levels, average)
     ends: list[Ending] = []
     for share in warm.shares:
         intensity = np.where(setup.estimate_intensity, share * warm.intensity, warm.intensity)
@@ -297,6 +303,34 @@ def _search_on(setup: Setup, problem: TrajectoryProblem, warm: WarmStart) -> End
     search = search_of(best.problem, z, options.max_iterations, FIT.warm_gain)
     best = replace(best, found=best_point(search, [best.found.z]) or best.found)
     return _with_own_gain(setup, best, warm)
+
+
+def _alone(
+    setup: Setup, problem: TrajectoryProblem, z: np.ndarray, levels: Levels, average: AverageModel | None
+) -> np.ndarray:
+    """z with the initial states that suit its parameters and noise `levels`, where these are far from them
+    and whole steps lead there: of a model that is affine the first one does, while a search for everything at
+    once, whose steps are short where states do nearly alike, creeps. Shapes: z (n_z,)."""
+    family = None if average is None else free_gains(setup, average, levels)
+    if family is not None and family.at(np.zeros(family.n_logs)) is not None:
+        problem = with_family(problem, family)
+    value, n_logs = objective(problem), 0 if problem.family is None else problem.family.n_logs
+    best, n = np.concatenate([z, np.zeros(n_logs)]), len(problem.unknowns.coordinates)
+    lower, upper = limits(problem)
+    enough = FIT.misplaced_start * setup.n_observed
+    here = value(best, True)
+    for _ in range(START_STEPS):
+        if here is None:
+            break
+        own = free_coordinates(best, here, lower, upper)
+        own[:n] = own[z.size :] = False
+        step, promised = whole_step(here, own)
+        moved = np.clip(best + step, lower, upper)
+        there = value(moved, True) if promised > enough else None
+        if there is None or here.value - there.value < enough:
+            break
+        best, here = moved, there
+    return best[: z.size]
 
 
 def _loses_in_short(
