@@ -10,7 +10,7 @@ import numpy as np
 from daest.errors import DaestError
 from daest.estimation.fitting.coordinates import Unknowns, objective, parameter_scale
 from daest.estimation.fitting.records import n_observed, part_of
-from daest.estimation.fitting.search import Evaluation, Found, minimise
+from daest.estimation.fitting.search import Evaluation, Found, Objective, minimise
 from daest.estimation.fitting.setup import check_start, no_start
 from daest.estimation.gates import FIT
 from daest.estimation.linear.delay_starts import shapes_of_past
@@ -198,7 +198,32 @@ def fit_initial_states(
         ends.append(found_over(FIRST_LENGTH, states))
     found = [end for end in ends if end is not None]
     best = min(found, key=lambda end: end.evaluation.value, default=None)
-    return z if best is None else np.concatenate([z[:n], best.z])
+    if best is None:
+        return z
+    heads = tuple(part_of(e, 0, FIRST_LENGTH) for e in problem.experiments)
+    short = replace(problem, experiments=heads).held_at(z)
+    return np.concatenate([z[:n], _as_far_as_seen(objective(short), best, z[n:])])
+
+
+def _as_far_as_seen(likelihood: Objective, found: Found, begun: np.ndarray) -> np.ndarray:
+    """The initial states that were `found`, without what the first samples do not tell from the start.
+
+    A state that is gone before the second sample ends anywhere, as far as hundreds of scales off, and holds
+    up a search that has to bring it back: no step moves an unknown by more than a few. Shapes: begun and the
+    states (n_x,)."""
+    way = found.z - begun
+    if np.max(np.abs(way), initial=0.0) <= FIT.largest_step:
+        return found.z
+    there = likelihood(found.z, True)
+    if there is None:
+        return found.z
+    rates, directions = np.linalg.eigh(there.information)
+    parts = directions.T @ way
+    is_seen = rates * parts**2 / 2.0 > FIT.untold_start
+    states = begun + directions @ np.where(is_seen, parts, 0.0)
+    moved = likelihood(states, False)
+    is_as_likely = moved is not None and moved.value - there.value < begun.size * FIT.untold_start
+    return states if is_as_likely else found.z
 
 
 def _sizes_of_outputs(problem: TrajectoryProblem) -> list[np.ndarray]:
