@@ -24,7 +24,7 @@ from daest.diagnosis.evidence.open_loop import (
     simulated_errors,
     speaks_for,
 )
-from daest.diagnosis.evidence.ranking import least_hope
+from daest.diagnosis.evidence.ranking import least_hope, says_less
 from daest.diagnosis.evidence.reasons import (
     beyond_recordings,
     in_place_of_a_parameter,
@@ -316,7 +316,8 @@ class _Judge:
     def _in_brief(self) -> _Told | None:
         """Refused beside a likelier law; None where there is none, or this one may be a rival of it."""
         fit = self.found.refit.fit
-        likelier = self.leader if fit.log_likelihood < least_hope(self.leader, self.candidate) else None
+        is_hopeless = fit.log_likelihood < least_hope(self.leader, self.candidate)
+        likelier = self.leader if is_hopeless or says_less(self.leader, self.candidate, fit) else None
         likelier = likelier or _better_simpler(self.prepared, fit, self.delta_bic)
         if likelier is None:
             return None

@@ -31,6 +31,7 @@ from daest.diagnosis.evidence.rival_laws import (
 from daest.diagnosis.evidence.same_laws import is_other_form, is_same_beside_a_load, is_same_equation, is_twin
 from daest.diagnosis.gates import GATES
 from daest.model.diagnosis import Candidate, Proof, Screen
+from daest.model.fit import FitResult
 
 
 def could_compete(trial: Trial, best: Proof | None, screen: Screen) -> bool:
@@ -63,6 +64,15 @@ def least_hope(leader: Proof | None, candidate: Candidate) -> float:
     if leader is None or may_be_of_the_kink(leader, candidate):
         return -np.inf
     return leader.fit.log_likelihood - GATES.hopeless_log_likelihood
+
+
+def says_less(leader: Proof | None, candidate: Candidate, fit: FitResult) -> bool:
+    """Whether a law with more parameters than the leader ended less likely at the leader's place: a loop that
+    closes within no length is dry friction, and takes long to be simulated."""
+    if leader is None or leader.candidate.site != candidate.site:
+        return False
+    is_richer = len(candidate.estimated) > len(leader.candidate.estimated)
+    return is_richer and fit.log_likelihood < leader.fit.log_likelihood
 
 
 def ranked(proofs: Sequence[Proof]) -> tuple[Proof, ...]:

@@ -16,7 +16,7 @@ from daest.diagnosis.evidence.proof import (
     may_be_likelier,
     shortened,
 )
-from daest.diagnosis.evidence.ranking import least_hope
+from daest.diagnosis.evidence.ranking import least_hope, says_less
 from daest.diagnosis.evidence.stand import quiet
 from daest.diagnosis.refits.in_use import is_hopeless_in_use, shown_in_use
 from daest.diagnosis.refits.search import (
@@ -49,7 +49,8 @@ def proof_by_attempts(search: Search, prepared: Prepared) -> Proof:
                 continue
             best = _found_again(search, prepared, best)
             if prepared.trial.is_seen_in_use and best.verdict == "rejected":
-                is_hopeless = is_hopeless_in_use(search, prepared)
+                is_hopeless = says_less(search.leader, best.candidate, best.fit)
+                is_hopeless = is_hopeless or is_hopeless_in_use(search, prepared)
                 return best if is_hopeless else shown_in_use(search, prepared, best)
             return best
     raise errors[0]
