@@ -239,6 +239,15 @@ def converts(given: str, wanted: str) -> bool:
     return True
 
 
+def is_temperature(unit: str) -> bool:
+    """Whether the unit is that of a temperature, whose zero is another one in another unit.
+
+    >>> is_temperature("degC"), is_temperature("W/K")
+    (True, False)
+    """
+    return is_known_unit(unit) and _is_temperature(parse_unit(unit))
+
+
 def may_count_turns(given: str, chosen: str) -> bool:
     """Whether `given` counts something in a time (1/min, 1/s, Hz) and `chosen` says what: turns or radians
     in that time (rpm, rev/s, rad/s)."""
