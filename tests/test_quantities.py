@@ -10,7 +10,7 @@ import pytest
 
 from daest import quantities
 from daest.errors import DataError
-from daest.quantities import conversion, dimensions, parse_unit, spoken_duration
+from daest.quantities import conversion, converts, dimensions, parse_unit, spoken_duration
 
 
 @pytest.mark.parametrize(
@@ -102,6 +102,13 @@ def test_turns_a_minute_are_not_guessed():
         conversion("1/min", "rad/s")
     assert "rpm" in raised.value.remedy
     assert conversion("1/min", "1/s").scale == pytest.approx(1 / 60, rel=1e-15)
+
+
+def test_g_is_gravity_where_an_acceleration_is_asked_for():
+    assert conversion("g", "m/s2").scale == pytest.approx(9.80665)
+    assert conversion("mg", "m/s2").scale == pytest.approx(9.80665e-3)
+    assert conversion("g", "kg").scale == pytest.approx(1e-3)
+    assert not converts("g", "m/s")
 
 
 def test_units_as_loggers_write_them():

@@ -28,6 +28,19 @@ def test_wrong_polarity_is_told_by_the_model(folder, daest):
     assert "warning[check-polarity]: bad: y moves against the model" in err
 
 
+def test_a_sensor_that_loses_the_sign_is_told_by_the_model(folder, daest):
+    time, u, y = recording(400, 1)
+    for name, values, told in (
+        ("lost", np.abs(y), 1),
+        ("raised", y - y.min(), 0),
+        ("cut", np.maximum(y, 0.0), 0),
+    ):
+        write_csv(folder / f"{name}.csv", time, u, values)
+        code, out, _ = daest("check", f"{name}.csv", "--model", "Lag.mo")
+        assert ("check-sign-lost" in out) == told, (name, out)
+        assert code == told or not told
+
+
 DECAY = """model Decay
   parameter Real T(unit = "s") = 20 annotation(__Daest(estimate = true));
   output Real y(unit = "1") annotation(__Daest(std = 0.01));

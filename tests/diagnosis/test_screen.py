@@ -246,6 +246,12 @@ def test_two_effects_that_say_little_alone_and_much_together_are_a_pair():
     elsewhere = replace(drag, site=replace(drag.site, name="elsewhere"))
     alike = replace(hidden, entries=(hidden.entries[0], entry_of(elsewhere, 3.0, 1.0), hidden.entries[2]))
     assert drag.label in two_alike(alike) and "elsewhere" in two_alike(alike)
+    # The input and the output of what lies between are no parts that are alike.
+    behind = replace(drag, site=replace(elsewhere.site, kind="output"))
+    assert (
+        two_alike(replace(alike, entries=(alike.entries[0], entry_of(behind, 3.0, 1.0), *alike.entries[2:])))
+        == ""
+    )
     # Friction that would have to drive has no score alone; what it says against it counts beside the other.
     braking = replace(entry_of(friction, 4.0, -1.0), score=0.0)
     against = replace(hidden, entries=(hidden.entries[0], braking, hidden.entries[2]))

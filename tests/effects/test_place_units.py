@@ -94,6 +94,17 @@ def test_rates_and_factors_without_a_unit_tell_none(flat, place: str) -> None:
     assert units(flat, "Thermal.ConstantHeatGain", "8:T2") == {"Q_0": ""}
 
 
+def test_flows_into_a_level_in_cm_are_in_no_known_unit(tmp_path) -> None:
+    (tmp_path / "Tank.mo").write_text(
+        'model Tank input Real duty; output Real y(unit = "cm"); parameter Real A(unit = "cm2") = 140;'
+        ' parameter Real k(unit = "cm3/s") = 0.4; parameter Real c = 6; Real h(unit = "cm", start = 1);'
+        " equation A*der(h) = k*duty - c*sqrt(h); y = h; end Tank;"
+    )
+    tank = compile_model(tmp_path / "Tank.mo")
+    assert units(tank, "Hydraulic.ConstantFlow", "0:h") == {"q_0": ""}
+    assert units(tank, "Hydraulic.Overflow", "0:h")["p_max"] == "m"
+
+
 @pytest.mark.parametrize(
     ("name", "parameter", "by_signal"),
     [

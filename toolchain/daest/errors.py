@@ -230,6 +230,11 @@ EXPLANATIONS: dict[str, str] = {
         "another unit: degrees for radians, mm for m. Write the unit into the header (`phi [deg]`) or into "
         "[data.units] of daest.toml. Start values that are far off do the same to all outputs."
     ),
+    "check-sign-lost": (
+        "An output is never below zero, and as large where the model has it negative as where it has it "
+        "positive, at any likely value of the parameters: a pulse counter, or the current that a bridge "
+        "reports, tells a magnitude. Measure it in the model, too, as `y = abs(i)`, or record the sign."
+    ),
     "check-stuck": (
         "A signal stands still to the last digit although its noise shows elsewhere, or jumps when it goes "
         "on: the sensor or its transmission had stopped. Leave those cells empty. An output that rests while "

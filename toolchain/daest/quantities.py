@@ -81,6 +81,7 @@ _TOGETHER = {  # products written without a mark between their units; pint takes
     "Vs": ("V", "s"),
     "As": ("A", "s"),
 }
+_OF_GRAVITY = {"g": "standard_gravity", "mg": "millistandard_gravity"}  # as sensors of acceleration have it
 _MOST_UNITS = 1000  # whose dimensions are remembered: models ask for those of a few units thousands of times
 _TEMPERATURES = {"degC", "degF", "degRk", "K"}
 
@@ -203,8 +204,8 @@ def conversion(given: str, wanted: str) -> Conversion:
     """The conversion from unit `given` to unit `wanted`.
 
     rad counts as 1, deg as π/180. A bare temperature converts with its offset (degC to K); in a product it
-    is a difference. Neither Hz nor 1/min becomes rad/s: whether a turn or a radian is meant cannot be
-    known.
+    is a difference. As an acceleration g is that of gravity, no gram. Neither Hz nor 1/min becomes rad/s:
+    whether a turn or a radian is meant cannot be known.
     Raises DataError `unit-incompatible` or `unit-unknown`.
     """
     if given == wanted:
@@ -222,6 +223,8 @@ def conversion(given: str, wanted: str) -> Conversion:
             "write rpm for turns, or rad/min for angles, in the header or under [data.units] in daest.toml"
         )
         raise _incompatible(given, wanted, remedy)
+    if given in _OF_GRAVITY and _is_acceleration(target, wanted):
+        return _proportional({_OF_GRAVITY[given]: 1}, target, given, wanted)
     if _is_temperature(source) and _is_temperature(target):
         return _temperature_conversion(_only_symbol(source), _only_symbol(target))
     return _proportional(source, target, given, wanted)
@@ -234,6 +237,15 @@ def converts(given: str, wanted: str) -> bool:
     except DataError:
         return False
     return True
+
+
+def is_temperature(unit: str) -> bool:
+    """Whether the unit is that of a temperature, whose zero is another one in another unit.
+
+    >>> is_temperature("degC"), is_temperature("W/K")
+    (True, False)
+    """
+    return is_known_unit(unit) and _is_temperature(parse_unit(unit))
 
 
 def may_count_turns(given: str, chosen: str) -> bool:
@@ -343,6 +355,10 @@ def _only_symbol(factors: Factors) -> str:
 
 def _is_temperature(factors: Factors) -> bool:
     return len(factors) == 1 and all(s in _TEMPERATURES and e == 1 for s, e in factors.items())
+
+
+def _is_acceleration(factors: Factors, text: str) -> bool:
+    return bool(_in_base_units(factors, text).check("[acceleration]"))
 
 
 @cache

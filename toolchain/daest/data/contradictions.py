@@ -36,6 +36,12 @@ TURNED = (
 )
 
 
+SIGN_LOST = (
+    "is never below zero, and as large where the model has it negative as where it has it positive, "
+    f"{MOVED}: probably a sensor of magnitudes; measure the magnitude in the model, too"
+)
+
+
 @dataclass(frozen=True)
 class Contradiction:
     """What the recorded `signal`, an input or output, is to be multiplied by so that it is as the model has
@@ -62,11 +68,13 @@ class Contradiction:
 
 
 def model_findings(flat: Model, experiment: Experiment) -> list[Finding]:
-    """What a model says of a recording: its `contradictions` as findings."""
-    return [
+    """What a model says of a recording: its `contradictions` as findings, and outputs without their sign."""
+    found = [
         Finding("check-polarity" if one.is_turned else "check-scale", "warning", one.signal, one.text)
         for one in contradictions(flat, experiment)
     ]
+    lost = [Finding("check-sign-lost", "warning", name, SIGN_LOST) for name in lost_signs(flat, experiment)]
+    return [*found, *lost]
 
 
 def contradictions(flat: Model, experiment: Experiment) -> list[Contradiction]:
@@ -102,6 +110,48 @@ def perhaps_turned(flat: Model, experiment: Experiment) -> list[Contradiction]:
     except DaestError:
         return []
     return _against(part, is_against, len(part.output_names))
+
+
+def lost_signs(flat: Model, experiment: Experiment) -> list[str]:
+    """Outputs that come to zero and never below, and are as large in either direction that the model has them
+    move in whatever its parameters are, as those of a sensor of magnitudes are."""
+    part = _shortened(experiment)
+    is_lost = np.array([_may_be_magnitude(values) for values in part.outputs.T])
+    if not np.any(is_lost) or not np.any(np.ptp(part.inputs, axis=0)):
+        return []
+    from daest.systems.simulation.simulate import simulate
+
+    try:
+        driven = _driven(flat)
+        for theta in _variants(flat):
+            pairs = zip(part.outputs.T, simulate(driven, part, theta=theta).outputs.T, strict=True)
+            is_lost &= [_is_magnitude(*pair) for pair in pairs]
+            if not np.any(is_lost):
+                return []
+    except DaestError:
+        return []
+    return [name for name, found in zip(part.output_names, is_lost, strict=True) if found]
+
+
+def _may_be_magnitude(measured: np.ndarray) -> bool:
+    """Whether a recorded output comes to zero, and not below."""
+    known = measured[np.isfinite(measured)]
+    return bool(known.size and 0.0 <= known.min() <= DATA.near_zero * known.max() and known.max() > 0.0)
+
+
+def _is_magnitude(measured: np.ndarray, simulated: np.ndarray) -> bool:
+    """Whether the measured output is as large where the simulated one is negative as where it is positive,
+    each time weighed by the size of the simulated one, and goes with that size and not with its sign."""
+    known = np.isfinite(measured) & np.isfinite(simulated)
+    measured, simulated = measured[known], simulated[known]
+    sides = [np.maximum(sign * simulated, 0.0) for sign in (1.0, -1.0)]
+    shares = np.array([side.sum() for side in sides])
+    if not shares.min() > DATA.least_side * shares.sum():
+        return False
+    means = np.array([side @ measured for side in sides]) / shares
+    moved = [np.column_stack([measured, one]) for one in (simulated, np.abs(simulated))]
+    plain, magnitude = (_correlation(both - both.mean(axis=0))[0] for both in moved)
+    return bool(means.min() > DATA.like_side * means.max() and magnitude > plain)
 
 
 def _of_outputs(flat: Model, driven: Any, part: Experiment) -> list[Contradiction]:

@@ -258,11 +258,12 @@ def _experiment(
         _check_output(table, matched.get(signal.name), y[:, i], notes, problems)
     raise_collected(problems, table.file)
     used = {column.position or column.name for column in (*matched.values(), time_in)}
-    extra = {
-        column.name: column.values[keep]
+    others = [
+        column
         for column in table.columns
         if (column.position or column.name) not in used and column.name and not column.texts
-    }
+    ]
+    extra = {column.name: column.values[keep] for column in others}
     experiment = Experiment(
         Path(table.file).stem,
         time[keep],
@@ -272,6 +273,7 @@ def _experiment(
         tuple(signal.name for signal in outputs),
         extra,
         (*table.notes, *notes),
+        {column.name: column.unit for column in others if column.unit},
     )
     return prepare(on_clock(experiment), preparation)
 

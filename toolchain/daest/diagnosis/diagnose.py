@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from daest.diagnosis.answers.told_beside import told_whole
-from daest.diagnosis.built_in.chosen import chosen_candidates
+from daest.diagnosis.built_in.chosen import chosen_candidates, temperatures_of
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.evidence.load_starts import QUICK, says_as_much_as_starts
 from daest.diagnosis.evidence.ranking import best_accepted
@@ -199,7 +199,9 @@ def switching_case(
     unused = unused_inputs(quiet)
     return (
         quiet,
-        chosen_candidates(library, sites(quiet), estimation, options, unused=unused),
+        chosen_candidates(
+            library, sites(quiet), estimation, options, unused=unused, temperatures=temperatures_of(quiet)
+        ),
         tuple(estimation),
         tuple(unseen),
     )

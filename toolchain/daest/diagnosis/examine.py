@@ -19,7 +19,7 @@ from daest.diagnosis.answers.parts import parts_of
 from daest.diagnosis.answers.told_laws import nearest_in_pieces
 from daest.diagnosis.answers.unexplained import Loads
 from daest.diagnosis.answers.verdict import beside_parts, beside_value, decide, two_alike
-from daest.diagnosis.built_in.chosen import chosen_candidates
+from daest.diagnosis.built_in.chosen import chosen_candidates, temperatures_of
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.evidence.law_values import errors_last
 from daest.diagnosis.evidence.load_starts import starts_from_nowhere
@@ -97,6 +97,7 @@ def _examined(
         options,
         names_of(stand.null.flat),
         unused_inputs(stand.null.flat),
+        temperatures_of(stand.declared),
     )
     progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
 

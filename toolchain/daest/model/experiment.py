@@ -21,7 +21,8 @@ class Experiment(Timed):
 
     `time` (n_samples,) in seconds; `inputs` (n_samples, n_u) without gaps, in the order of `input_names`
     (model names); `outputs` (n_samples, n_y), NaN where a sample is missing. All in the model's units.
-    `extra` keeps the other numeric columns of the file by column name. `period` is the sampling period if it
+    `extra` keeps the other numeric columns of the file by column name, `extra_units` their units where the
+    file tells them. `period` is the sampling period if it
     is uniform to 1e-6 relative, else None.
     """
 
@@ -33,6 +34,7 @@ class Experiment(Timed):
     output_names: tuple[str, ...]
     extra: dict[str, np.ndarray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()  # what reading changed: conversions, resampling, detrending
+    extra_units: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n = self.time.shape[0]

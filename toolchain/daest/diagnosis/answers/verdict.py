@@ -329,9 +329,12 @@ def beside_parts(evidence: Evidence, decided: Decided, law: Proof, parts: Parts)
 
 def two_alike(screen: Screen) -> str:
     """Effects of one kind at two places that say much more together than any effect alone, as dead zones of
-    two drives of one kind; empty where there are none."""
+    two drives of one kind; empty where there are none. An input and an output are no such parts: gains of
+    both are a bend or a start in disguise."""
     for one, other in promising_pairs(screen):
-        if one.candidate.effect is other.candidate.effect and one.candidate.site != other.candidate.site:
+        is_of_one_kind = one.candidate.effect is other.candidate.effect
+        places = one.candidate.site, other.candidate.site
+        if is_of_one_kind and places[0] != places[1] and places[0].kind == places[1].kind:
             return (
                 f" {one.candidate.label} and {other.candidate.site.name} say much more together than any "
                 "effect alone, as where two parts are alike: daest improve tries such pairs."

@@ -16,7 +16,10 @@ from daest.estimation.fitting.signals import is_constant
 from daest.model.diagnosis import Candidate
 from daest.model.effects import Effect, Site
 from daest.model.experiment import Experiment
+from daest.model.flat import Model
+from daest.quantities import is_temperature
 
+MEASURED_INPUT = "Daest.Effects.General.MeasuredInput"
 NYQUIST = 2.0  # samples in the shortest period that they tell
 
 
@@ -27,13 +30,16 @@ def chosen_candidates(
     options: DiagnoseOptions,
     taken: Collection[str] = (),
     unused: Sequence[str] = (),
+    temperatures: Collection[str] = (),
 ) -> tuple[Candidate, ...]:
     """The effects of the library at the places where they fit, those that `options` name, under names that
     are not `taken`. What is recorded and does nothing in the model may be what a law needs: columns, and
     `unused` inputs. No dead time of the one output of a model whose inputs keep their levels: what runs by
     itself is as late where it began elsewhere. Nothing with states of its own at an input that is zero, and
     no bend at one that takes no more than two values: between them any law is a gain with an offset. No law
-    of a sensor that is hardly ever read, unless it is asked for: through a few samples many laws go."""
+    of a sensor that is hardly ever read, unless it is asked for: through a few samples many laws go. No
+    recorded temperature is added to one of the signals `temperatures`: such a sum has no meaning, since it is
+    another one in K as in degC."""
     library = [_within_samples(effect, experiments) for effect in library]
     recorded = [*unused, *experiments[0].extra]
     columns = [name for name in recorded if _is_new_signal(name, experiments, unused)]
@@ -53,11 +59,24 @@ def chosen_candidates(
         and not (runs_by_itself and c.effect.class_name == DELAY and c.site.kind == "output")
         and not (c.site.kind == "input" and c.is_dynamic and c.site.name in none)
         and not (c.site.kind == "input" and c.site.name in two and bends(c))
+        and not (c.site.name in temperatures and _adds_temperature(c, experiments))
         and (
             not options.effects or c.effect.name in options.effects or c.effect.class_name in options.effects
         )
         and (not options.places or {c.site.name, *c.site.aliases} & set(options.places))
     )
+
+
+def temperatures_of(flat: Model) -> set[str]:
+    """The inputs and outputs of a model that are temperatures, where any input is one: else those of the
+    model may be differences, to which a recorded one is added."""
+    inputs = {x.name for x in flat.inputs if is_temperature(x.unit)}
+    return inputs | {y.name for y in flat.outputs if is_temperature(y.unit)} if inputs else set()
+
+
+def _adds_temperature(candidate: Candidate, experiments: Sequence[Experiment]) -> bool:
+    columns = candidate.inputs.values() if candidate.effect.class_name == MEASURED_INPUT else ()
+    return any(is_temperature(experiments[0].extra_units.get(name, "")) for name in columns)
 
 
 def _rarely_read(experiments: Sequence[Experiment]) -> set[str]:

@@ -71,23 +71,35 @@ def _units_in_seconds(flat: FlatModel, effect: Effect, site: Site, clock: str) -
         if balance is not None and not balances_flows(flat, balance):
             unit = flat.unknowns[balance.variable].unit
             own = (base_unit(unit) or unit, "s")
-            return {p.name: p.unit if _is_made_of(p.unit, own) else "" for p in effect.parameters}
+            given = {p.name: p.unit for p in effect.parameters}
+            if balance.is_level(flat):  # m3/s is made of m and s, too, but the terms may be anything
+                given = {name: "" if "m3" in unit else unit for name, unit in _as_levels(given).items()}
+            return {name: unit if _is_made_of(unit, own) else "" for name, unit in given.items()}
         if balance is not None and balance.is_level(flat):
-            return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
+            return _as_levels({p.name: p.unit for p in effect.parameters})
     if site.connectors and site.domain == "hydraulic":
         of_potential, of_flow = _units_of_connector(flat, site)
         if of_flow == MASS_FLOW:
             return {p.name: _of_mass(p.unit) for p in effect.parameters}
         if is_length(of_potential):
-            return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
+            return _as_levels({p.name: p.unit for p in effect.parameters})
         if of_flow and not is_of(of_flow, FLOWS["hydraulic"]):
             return {p.name: _of_other_flow(p.unit, of_flow) for p in effect.parameters}
     if site.kind == "mesh" and site.domain == "hydraulic":
         number, name = site.name.split(":", 1)
         row, flow = int(number), flat.unknown_names.index(name)
         if any(is_of_heads(flat, row, flow, one) for one in (ONE, *parts_divided_by(flat, row)[0])):
-            return {p.name: _PRESSURE.sub(LEVEL, p.unit) for p in effect.parameters}
+            return _as_levels({p.name: p.unit for p in effect.parameters})
     return {p.name: p.unit for p in effect.parameters}
+
+
+def _as_levels(units: Mapping[str, str]) -> dict[str, str]:
+    """The units with levels in m in place of pressures.
+
+    >>> _as_levels({"p_max": "Pa", "G": "m3/(s.Pa)"})
+    {'p_max': 'm', 'G': 'm3/(s.m)'}
+    """
+    return {name: _PRESSURE.sub(LEVEL, unit) for name, unit in units.items()}
 
 
 def _of_amount(flat: FlatModel, effect: Effect, balance: Balance | None, clock: str) -> dict[str, str]:
