@@ -178,16 +178,25 @@ class _Laws:
 
     def commands(self) -> set[str]:
         """Names of the variables that a law gives which is made of an input and of the position and the speed
-        of a body, but not of the speed of that input, as a spring and damper between the two would be: they
-        may be what a controller says."""
-        bodies = [{body.variable, body.position} for body in balances(self._flat)]
+        of a body, but not of the speed of that input, as a spring and damper between the two would be; or of
+        its speed, an input and a sum over time of both, as a controller of the speed says it (and a coupling
+        to a shaft that is driven, which slips where it has a limit): they may be what a controller says."""
+        bodies = [(body.variable, body.position) for body in balances(self._flat)]
         found: set[str] = set()
         for row in own_laws(self._flat):
             used = self._unknowns[row]
-            is_moved = self._inputs[row] and max(used, default=0) < self._n
-            if is_moved and any(body <= used for body in bodies):
+            if not self._inputs[row] or max(used, default=0) >= self._n:
+                continue
+            if any({*body} <= used or self._is_summed(row, body[0]) for body in bodies):
                 found |= {self._flat.unknowns[i].name for i in used if abs(self._slopes[row, i]) == 1.0}
         return found
+
+    def _is_summed(self, row: int, speed: int) -> bool:
+        """Whether a law uses a speed, an input, and an unknown whose rate is made of the two."""
+        used = self._unknowns[row]
+        rates = [self.integrated[x] for x in used if x in self.integrated]
+        shared = [rate for rate in rates if self._inputs[row] & self._inputs[rate]]
+        return speed in used and any(speed in self._unknowns[rate] for rate in shared)
 
     def uses(self, variable: int, row: int, is_block: bool) -> tuple[int, ...]:
         """The rows that use an unknown which `row` gives: of a block those of connections."""
