@@ -62,7 +62,8 @@ def test_a_law_that_does_nothing_is_seldom_better_in_use(memory):
 
 
 @pytest.mark.parametrize(
-    ("explained", "voltage", "is_left"), [(0.02, 0.144, True), (0.02, 0.05, False), (0.3, 0.144, False)]
+    ("explained", "voltage", "is_left"),
+    [(0.02, 0.144, True), (0.02, 0.05, False), (0.3, 0.144, False), (0.3, 0.16, True), (0.4, 0.16, False)],
 )
 def test_a_law_that_leaves_an_output_as_wrong_as_it_was_shows_nothing(explained, voltage, is_left):
     def fit(*rms):

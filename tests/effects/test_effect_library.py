@@ -59,6 +59,7 @@ EXPECTED = {
             "FreeOutlet",
             "WideningTank",
             "HiddenVessel",
+            "FluidInertia",
             "ConstantFlow",
             "ConstantHead",
             "LaminarGasLine",
@@ -152,6 +153,7 @@ def test_states_and_dynamics() -> None:
     one = ["LuGreFriction", "HystereticSpring", "BoucWenSpring"]
     expected = {f"{domain}.{name}": 1 for domain in ("Rotational", "Translational") for name in one}
     expected |= dict.fromkeys(("Electrical.Inductance", "Electrical.SaturatingInductance", "Signals.Lag"), 1)
+    expected |= {"Hydraulic.FluidInertia": 1}
     expected |= {"Electrical.TemperatureDependentResistance": 1, "Signals.Delay": 10}
     expected |= {"Rotational.FlexibleAppendage": 2, "Translational.FlexibleAppendage": 2}
     expected |= {"Rotational.DraggedInertia": 1, "Translational.DraggedMass": 1}
@@ -166,7 +168,7 @@ def test_states_and_dynamics() -> None:
     dynamic = {effect.name for effect in EFFECTS if effect.is_dynamic}
     assert dynamic == {
         *("ExtraInertia", "ExtraMass", "ExtraCompliance", "Inductance", "SaturatingInductance"),
-        *("Lag", "Delay", "GrowingCapacity", "WideningTank"),
+        *("Lag", "Delay", "GrowingCapacity", "WideningTank", "FluidInertia"),
     }
     assert {effect.name for effect in EFFECTS if effect.is_of_store} == {"GrowingCapacity", "WideningTank"}
 

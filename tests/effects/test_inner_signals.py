@@ -207,6 +207,24 @@ def test_command_of_a_controller_in_the_unit_of_a_force_is_a_signal_as_well(spee
     assert [site.name for site in sites(flat) if site.kind == "force"] == ["0:u"]
 
 
+@pytest.mark.parametrize(("rate", "signals"), [("r - w", {"u"}), ("off", {"u"}), ("r", set())])
+def test_command_of_a_controller_of_the_speed_is_a_signal_as_well(rate, signals):
+    """With the sum of its errors it moves as a spring and damper to a shaft that is driven."""
+    text = EQUATIONS.replace('u(unit = "V")', 'u(unit = "N.m")').replace(
+        'r(unit = "rad")', 'r(unit = "rad/s")'
+    )
+    text = text.replace("20*(r - phi) - 2*w", "2*(r - w) + 20*e").replace(
+        "der(phi) = w;", f"der(e) = {rate};"
+    )
+    text = text.replace('phi(unit = "rad"', 'e(unit = "rad"').replace("= phi", "= e")
+    if rate == "off":
+        text = text.replace("2*(r - w)", "2*off").replace(
+            "equation\n", '  Real off(unit = "rad/s");\nequation\n'
+        )
+        text = text.replace("  0.05*", "  off = r - w;\n  0.05*")
+    assert inside(text) == signals
+
+
 def test_no_force_is_left_where_a_command_is_cut():
     """`improve` looked for friction there in the next round, and stopped."""
     text = EQUATIONS.replace('u(unit = "V")', 'u(unit = "N.m")')

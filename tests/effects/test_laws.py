@@ -100,6 +100,7 @@ OTHERS: dict[str, tuple[str, Law]] = {
     "MeasuredVentilation": ("Q_flow", lambda v: v["k"] * v["u"] * v["dT"]),
     "Orifice": ("dp", lambda v: v["k"] * v["q"] * np.hypot(v["q"], v["q_s"])),
     "ConstantHead": ("dp", lambda v: v["dp_0"]),
+    "FluidInertia": ("dp", lambda v: v["L"] * v["der_q"]),
     "Overflow": ("q", lambda v: -v["k"] * ramp(v["p"] - v["p_max"], v["p_s"])),
     "Weir": ("q", lambda v: v["k"] * ramp(v["p"] - v["p_max"], v["p_s"])),
     "Downpipe": ("q", lambda v: v["k"] * np.sqrt(ramp(v["p"] - v["p_0"], v["p_s"]) / v["p_1"])),

@@ -161,6 +161,20 @@ def test_state_selection_and_start_values_are_honoured(attributes, states):
     assert reduce_index(coupled_masses(**attributes).build()).state_names == states
 
 
+def test_what_is_to_be_a_state_stays_one_in_any_unit():
+    """A pressure in Pa beside a level in m: the smaller pivot is a matter of units."""
+    b = FlatBuilder("Tank")
+    u = b.input("u")
+    b.unknown("h", "m", start=0.1, state_select="always")
+    b.unknown("p", "Pa")
+    b.unknown("z", "Pa", start=0.0)
+    b.equation("widens", 0.02 * b.der("h") + 1e-9 * b["p"] * b.der("p"), u)
+    b.equation("bottom", b["p"], 9787.0 * b["h"])
+    b.equation("chamber", 10.0 * b.der("z"), 10.0 * b.der("p") - b["z"])
+    b.output("y", b["h"])
+    assert set(reduce_index(b.build()).state_names) == {"h", "z"}
+
+
 def test_derivative_of_a_variable_can_be_a_state():
     b = FlatBuilder("Oscillator")
     b.unknown("s", "m")

@@ -64,15 +64,18 @@ def speaks_for(used: InUse, n_own: int) -> bool:
 def leaves_an_output(explained: float, beside: FitResult, before: FitResult, after: FitResult) -> bool:
     """Whether a law takes hardly any of the load, and leaves an output of the simulation of unseen data
     nearly as wrong as `before`, with most of its squared error no noise, which is that of the fit `beside`
-    the loads: an offset of one sensor does a little of what any load does to it."""
-    if explained >= GATES.min_curve_explained or "validation" not in after.simulated:
+    the loads: an offset of one sensor does a little of what any load does to it. Or whether it takes a part,
+    and makes such an output worse: hysteresis of one spring does some of what bushes before both
+    dampers do, and cannot do it at the other axle."""
+    if explained >= GATES.min_partly_explained or "validation" not in after.simulated:
         return False
+    takes_a_part = explained >= GATES.min_curve_explained
+    most = 1.0 if takes_a_part else GATES.max_simulated_ratio
     noise = {n.name: n.value for n in beside.noises if n.kind == "measurement"}
     left = after.simulated["validation"].rms
     ratios = ratios_by_output(before.simulated, after.simulated)
     return any(
-        ratio > GATES.max_simulated_ratio
-        and noise[name] ** 2 < GATES.max_noise_share * (left[name] or np.inf) ** 2
+        ratio > most and noise[name] ** 2 < GATES.max_noise_share * (left[name] or np.inf) ** 2
         for name, ratio in ratios.items()
         if name in noise
     )

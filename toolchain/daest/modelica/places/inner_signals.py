@@ -178,16 +178,37 @@ class _Laws:
 
     def commands(self) -> set[str]:
         """Names of the variables that a law gives which is made of an input and of the position and the speed
-        of a body, but not of the speed of that input, as a spring and damper between the two would be: they
-        may be what a controller says."""
-        bodies = [{body.variable, body.position} for body in balances(self._flat)]
+        of a body, but not of the speed of that input, as a spring and damper between the two would be; or of
+        its speed, an input and a sum over time of both, as a controller of the speed says it (and a coupling
+        to a shaft that is driven, which slips where it has a limit): they may be what a controller says."""
+        bodies = [(body.variable, body.position) for body in balances(self._flat)]
         found: set[str] = set()
         for row in own_laws(self._flat):
-            used = self._unknowns[row]
-            is_moved = self._inputs[row] and max(used, default=0) < self._n
-            if is_moved and any(body <= used for body in bodies):
-                found |= {self._flat.unknowns[i].name for i in used if abs(self._slopes[row, i]) == 1.0}
+            used, inputs = self._made_of(row)
+            if not inputs or max(used, default=0) >= self._n:
+                continue
+            if any({*body} <= used or self._is_summed(used, inputs, body[0]) for body in bodies):
+                given = [i for i in self._unknowns[row] if abs(self._slopes[row, i]) == 1.0]
+                found |= {self._flat.unknowns[i].name for i in given}
         return found
+
+    def _made_of(self, row: int) -> tuple[set[int], set[int]]:
+        """The unknowns and the inputs in a row, and in those without derivatives that give these unknowns."""
+        used, inputs = set(self._unknowns[row]), set(self._inputs[row])
+        left = [x for x in used if self.given.get(x, row) != row]
+        while left:
+            one = self.given[left.pop()]
+            new = self._unknowns[one] - used
+            used |= new
+            inputs |= self._inputs[one]
+            left += [x for x in new if x in self.given]
+        return used, inputs
+
+    def _is_summed(self, used: set[int], inputs: set[int], speed: int) -> bool:
+        """Whether a speed is among what a law is made of, and an unknown whose rate is made of that speed
+        and of one of the same `inputs`."""
+        rates = (self._made_of(self.integrated[x]) for x in used if x in self.integrated)
+        return speed in used and any(speed in of and given & inputs for of, given in rates)
 
     def uses(self, variable: int, row: int, is_block: bool) -> tuple[int, ...]:
         """The rows that use an unknown which `row` gives: of a block those of connections."""

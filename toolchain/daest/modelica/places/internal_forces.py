@@ -7,7 +7,8 @@ speed which is the sum of -a*v: for the spring above v1 - v2, for a belt on two 
 
 What a body stands on may be moved by an input, as a wheel by the road in `F = c*(z - road)`: the force then
 goes with the motion relative to that, z - road, and one body is enough. Where the speed of the body comes in
-without that of the input, as in `u = kp*(r - phi) - kd*w`, it may be the command of a controller as well.
+without that of the input, as in `u = kp*(r - phi) - kd*w`, or a sum over time of both speeds as in
+`tau = kp*(r - w) + ki*e`, `der(e) = r - w`, it may be the command of a controller as well.
 
 A spring to what does not move has its place in the balance of the body: for what changes it, as a play does.
 What acts on the body alone is a term of the balance itself."""

@@ -208,8 +208,8 @@ PIVOT_VARYING = 0.3  # they do: keep away from the configuration in which the pi
 PIVOT_TIE = 1e-6
 
 
-# Wishes from here on are those of variables that are to be kept as states.
-KEPT = MOST_PLACES * 8 * SELECT_RANK["kept"]
+# Wishes from here on are those of variables that are to be states, whatever their units make of a pivot.
+ALWAYS = MOST_PLACES * 8 * SELECT_RANK["always"]
 
 
 class DependentEquations(Exception):
@@ -261,13 +261,13 @@ def _independent_columns(block: sp.csr_array, wish: np.ndarray, pivot: float, ro
 
 def _pivot_columns(block: np.ndarray, wish: np.ndarray, pivot: float) -> list[int]:
     """Columns in order of wish, the largest remaining pivot first within one wish; two passes: good, then
-    any. Columns that are to be kept come after all others: the pivot of a torque beside a speed is small
-    where the damper between them is."""
+    any. Columns that are to be states come after all others: the pivot of a torque beside a speed is small
+    where the damper between them is, and that of a pressure beside a level where it counts in Pa."""
     remaining = block / np.maximum(np.abs(block).max(axis=1, keepdims=True), np.finfo(float).tiny)
     smallest = max(block.shape) * np.finfo(float).eps * max(1.0, np.linalg.norm(remaining))
     picked: list[int] = []
     for threshold in (pivot, smallest):
-        for value in np.unique(wish if threshold == smallest else wish[wish < KEPT]):
+        for value in np.unique(wish if threshold == smallest else wish[wish < ALWAYS]):
             candidates = wish == value
             candidates[picked] = False
             picked += _greedy(remaining, candidates, threshold, block.shape[0] - len(picked))
