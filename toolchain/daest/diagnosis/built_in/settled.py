@@ -140,9 +140,11 @@ def fit_by_simulation(
     options = replace(simulation_options(null, names, SIMULATED_ITERATIONS), fix=fixed)
     given = _given(null)
     ends: list[FitResult] = []
-    for start in (*starts, {**begun, **given}):
+    for number, start in enumerate((*starts, {**begun, **given})):
         if len(ends) == len(starts) and not any(_is_flat(end, given) for end in ends):
             break
+        if start in starts[:number]:
+            continue
         try:
             chosen_start = replace(options, start={name: start[name] for name in names})
             ends.append(identify(flat, experiments, chosen_start, validation))

@@ -231,9 +231,9 @@ class _Steps(ABC):
         """The information (n_free, n_free) with that damping, in the units of the steps."""
 
     def near(self, step: np.ndarray, damping: float) -> np.ndarray:
-        """The step (n_free,) of that damping without moves of more than FIT.largest_step: coordinates that
-        would go too far go as far as they may, and the others as suits them then. One that the data hardly
-        tell holds up none of those that they do."""
+        """The step (n_free,) of that damping without moves of more than FIT.largest_step. Coordinates that
+        would go too far go as far as they may, and the others as suits them then, where that promises nearly
+        as much: what the data hardly tell holds up nothing that they do. Else all are shortened alike."""
         curvature, pull = self.curvature(damping), self.in_coordinates(self.pull)
         longest = FIT.largest_step * self.scale
         moved, ends = step * self.scale, np.zeros(step.size, dtype=bool)
@@ -243,7 +243,9 @@ class _Steps(ABC):
             moved[ends] = np.clip(moved, -longest, longest)[ends]
             here = curvature[np.ix_(rest, rest)]
             moved[rest] = np.linalg.solve(here, pull[rest] - curvature[np.ix_(rest, ends)] @ moved[ends])
-        return moved / self.scale
+        promised = pull @ moved - moved @ curvature @ moved / 2.0
+        is_as_good = promised >= FIT.kept_promise * (pull @ (step * self.scale)) / 2.0
+        return moved / self.scale if is_as_good else _limited(step)
 
     def in_coordinates(self, step: np.ndarray) -> np.ndarray:
         """The step along the coordinates, where it is made along other directions."""
