@@ -863,6 +863,7 @@ def test_law_with_a_parameter_that_does_nothing_is_no_rival_of_one_without(time,
     [
         ((1.6e-5, 0.5e-5), 15.0, "not separable"),
         ((1.6e-5, 0.1e-5), 15.0, "rejected"),  # a time that the data know
+        ((1.6e-5, 0.5e-5), 25.0, "rejected"),  # no parameter so near zero gains that
         ((1.6e-5, 0.5e-5), 40.0, "rejected"),  # the simple law gains clearly less
     ],
 )

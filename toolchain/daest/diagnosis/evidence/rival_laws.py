@@ -58,18 +58,18 @@ def is_idle(rich: Proof, best: Proof) -> bool:
 
 
 def _is_hardly_less(simple: Proof, best: Proof) -> bool:
-    """Whether an accepted law with fewer parameters gains nearly what the best one does, which is ahead by a
-    length or a time that is hardly off zero: a soft coupling whose damping is over within microseconds is the
-    inductance in front of it, and whatever else is a little wrong may ask for that."""
-    is_simpler_law = len(simple.candidate.estimated) < len(best.candidate.estimated)
-    gains_enough = simple.delta_log_likelihood > GATES.min_simpler_gain * best.delta_log_likelihood
-    is_accepted = simple.verdict != "rejected"
-    return (
-        is_accepted
-        and is_simpler_law
-        and gains_enough
-        and bool(open_shapes(best, GATES.min_leading_significance))
+    """Whether an accepted law with fewer parameters gains nearly what the best one does, which is ahead by no
+    more than a length or a time of it that is hardly off zero may gain: a soft coupling whose damping is over
+    within microseconds is the inductance in front of it, and whatever else is a little wrong may ask for
+    that."""
+    if simple.verdict == "rejected" or len(simple.candidate.estimated) >= len(best.candidate.estimated):
+        return False
+    ahead = best.delta_log_likelihood - simple.delta_log_likelihood
+    most = min(
+        GATES.min_leading_significance**2 / 2.0,
+        (1.0 - GATES.min_simpler_gain) * best.delta_log_likelihood,
     )
+    return ahead < most and bool(open_shapes(best, GATES.min_leading_significance))
 
 
 def _is_rival(one: Proof, best: Proof) -> bool:
