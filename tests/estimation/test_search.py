@@ -5,8 +5,9 @@ import pytest
 from scipy.optimize import least_squares
 
 from daest.estimation.fitting import search
-from daest.estimation.fitting.search import Evaluation, _Course, _leaped, minimise, whole_step
+from daest.estimation.fitting.search import Evaluation, Found, _Course, _leaped, minimise, whole_step
 from daest.estimation.gates import FIT
+from daest.estimation.nonlinear.nonlinear_start import _as_far_as_seen
 
 FREE = np.full(2, np.inf)
 
@@ -265,3 +266,23 @@ def test_a_coordinate_that_is_hardly_told_holds_up_no_other():
     # What the data do tell is shortened with all others.
     told = search._steps(value(np.array([200.0, 0.0, 250.0]), True), np.ones(3, dtype=bool)).within(1e3)[0]
     assert told[0] == pytest.approx(-FIT.largest_step) and abs(told[1]) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("far", "expected"),
+    [
+        (80.0, 0.0),  # gone before the second sample
+        (2000.0, 2000.0),  # so far that the samples tell it
+        (2.0, 2.0),  # within a step
+    ],
+)
+def test_initial_states_go_no_further_than_the_samples_tell(far, expected):
+    curvature, end = np.diag([1e3, 1e-5]), np.array([0.5, far])
+
+    def value(z, with_slopes):
+        away = z - end
+        slopes = (curvature @ away, curvature) if with_slopes else ()
+        return Evaluation(float(away @ curvature @ away / 2), *slopes)
+
+    found = Found(end, value(end, True), "converged", 3, 0.0)
+    assert np.allclose(_as_far_as_seen(value, found, np.zeros(2)), [0.5, expected])
