@@ -6,7 +6,6 @@ from scipy.optimize import least_squares
 
 from daest.estimation.fitting import search
 from daest.estimation.fitting.search import Evaluation, Found, _Course, _leaped, minimise, whole_step
-from daest.estimation.gates import FIT
 from daest.estimation.nonlinear.nonlinear_start import _as_far_as_seen
 
 FREE = np.full(2, np.inf)
@@ -246,26 +245,6 @@ def test_indefinite_information_goes_downhill_among_many_coordinates():
     free = np.full(n, np.inf)
     found = minimise(saddle, np.full(n, 0.1), -free, free, 100)
     assert np.allclose(found.z, 1.0, atol=2e-3)
-
-
-def test_a_coordinate_that_is_hardly_told_holds_up_no_other():
-    """It would go a hundred times as far as any may in a step, and the others come to their end at once."""
-    curvature = np.diag([1.0, 4.0, 1e-6])
-    end = np.array([2.0, -1.0, 250.0])
-
-    def value(z, with_slopes):
-        away = z - end
-        slopes = (curvature @ away, curvature) if with_slopes else ()
-        return Evaluation(float(away @ curvature @ away / 2), *slopes)
-
-    free = np.full(3, np.inf)
-    step, _ = search._steps(value(np.zeros(3), True), np.ones(3, dtype=bool)).within(1e3)
-    assert np.allclose(step[:2], end[:2]) and step[2] == pytest.approx(FIT.largest_step)
-    found = minimise(value, np.zeros(3), -free, free, 5)
-    assert np.allclose(found.z[:2], end[:2], atol=0.01)
-    # What the data do tell is shortened with all others.
-    told = search._steps(value(np.array([200.0, 0.0, 250.0]), True), np.ones(3, dtype=bool)).within(1e3)[0]
-    assert told[0] == pytest.approx(-FIT.largest_step) and abs(told[1]) < 0.1
 
 
 @pytest.mark.parametrize(

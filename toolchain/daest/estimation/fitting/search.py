@@ -221,31 +221,9 @@ class _Steps(ABC):
         """The step of no more than that length, and its length."""
         damping = self.damping_of(length) if self.length_at(0.0) > length else 0.0
         step = np.zeros(self.free.size)
-        own = self.in_coordinates(self.damped(damping)) / self.scale
-        is_far = np.max(np.abs(own), initial=0.0) > FIT.largest_step
-        step[self.free] = self.near(own, damping) if is_far else own
-        return step, min(length, float(np.linalg.norm(step[self.free] * self.scale)))
-
-    @abstractmethod
-    def curvature(self, damping: float) -> np.ndarray:
-        """The information (n_free, n_free) with that damping, in the units of the steps."""
-
-    def near(self, step: np.ndarray, damping: float) -> np.ndarray:
-        """The step (n_free,) of that damping without moves of more than FIT.largest_step. Coordinates that
-        would go too far go as far as they may, and the others as suits them then, where that promises nearly
-        as much: what the data hardly tell holds up nothing that they do. Else all are shortened alike."""
-        curvature, pull = self.curvature(damping), self.in_coordinates(self.pull)
-        longest = FIT.largest_step * self.scale
-        moved, ends = step * self.scale, np.zeros(step.size, dtype=bool)
-        while np.any(beyond := ~ends & (np.abs(moved) > longest)):
-            ends |= beyond
-            rest = ~ends
-            moved[ends] = np.clip(moved, -longest, longest)[ends]
-            here = curvature[np.ix_(rest, rest)]
-            moved[rest] = np.linalg.solve(here, pull[rest] - curvature[np.ix_(rest, ends)] @ moved[ends])
-        promised = pull @ moved - moved @ curvature @ moved / 2.0
-        is_as_good = promised >= FIT.kept_promise * (pull @ (step * self.scale)) / 2.0
-        return moved / self.scale if is_as_good else _limited(step)
+        step[self.free] = self.in_coordinates(self.damped(damping)) / self.scale
+        step = _limited(step)
+        return step, float(np.linalg.norm(step[self.free] * self.scale))
 
     def in_coordinates(self, step: np.ndarray) -> np.ndarray:
         """The step along the coordinates, where it is made along other directions."""
@@ -283,9 +261,6 @@ class _SpectralSteps(_Steps):
     def in_coordinates(self, step: np.ndarray) -> np.ndarray:
         return self.vectors @ step
 
-    def curvature(self, damping: float) -> np.ndarray:
-        return (self.vectors * (self.values + damping)) @ self.vectors.T
-
 
 class _FactoredSteps(_Steps):
     """By a factor for every damping: of hundreds of coordinates, a fraction of the work for eigenvalues.
@@ -295,7 +270,7 @@ class _FactoredSteps(_Steps):
         self, here: Evaluation, free: np.ndarray, scale: np.ndarray, information: np.ndarray
     ) -> None:
         super().__init__(here, free, scale)
-        self.whole, self.information = information, bordered(information)
+        self.information = bordered(information)
         self.floor = FIT.flat
         while True:
             try:
@@ -312,9 +287,6 @@ class _FactoredSteps(_Steps):
         if damping not in self.solvers:
             self.solvers[damping] = self.information.factor(damping + self.floor)
         return self.solvers[damping](self.pull)
-
-    def curvature(self, damping: float) -> np.ndarray:
-        return self.whole + (damping + self.floor) * np.eye(self.scale.size)
 
     def damping_of(self, length: float) -> float:
         """Newton's method for the reciprocal of the length (Moré 1978, section 5)."""
