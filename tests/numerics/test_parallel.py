@@ -18,7 +18,8 @@ import pytest
 
 from daest.errors import ConfigError, DaestError
 from daest.numerics import parallel
-from daest.numerics.parallel import called, packed, unpacked, workers
+from daest.numerics.deadline import OutOfTimeError
+from daest.numerics.parallel import called, done_by, packed, unpacked, workers
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
 
@@ -47,6 +48,22 @@ def test_outcomes_come_in_order_and_an_error_leaves_the_others_alone(cluster, pl
     assert sorted(heard) == [(0, 2.0), (1, None), (2, 3.0), (3, 4.0)]
     with pytest.raises(ValueError, match=r"math domain error|nonnegative"):
         found[1].get()
+
+
+def late_at_two(value):
+    if value == 2.0:
+        raise OutOfTimeError
+    return math.sqrt(value)
+
+
+@pytest.mark.parametrize(("ends", "done"), [(math.inf, {0: 1.0, 2: 2.0}), (0.0, {})])
+def test_what_was_done_in_time_is_known_by_its_number(ends, done):
+    heard = []
+    with workers(1) as pool:
+        tasks = [1.0, 2.0, 4.0]
+        found = done_by(pool, late_at_two, tasks, ends, arrived=lambda n, outcome: heard.append(n))
+    assert {number: outcome.get() for number, outcome in found.items()} == done
+    assert heard == list(done)
 
 
 @pytest.mark.parametrize("place", [1, 2])

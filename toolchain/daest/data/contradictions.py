@@ -5,7 +5,7 @@ as many times as large as another unit would make it.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -99,16 +99,12 @@ def perhaps_turned(flat: Model, experiment: Experiment) -> list[Contradiction]:
     part = _shortened(experiment)
     if not np.any(np.ptp(part.inputs, axis=0)):
         return []
-    is_against = np.ones(len(part.output_names), dtype=bool)
-    try:
-        driven = _driven(flat)
-        for k, theta in enumerate(_variants(flat)):
-            (correlation, _), _ = _beside(driven, part, theta)
-            is_against &= correlation < (0.0 if k else -DATA.upside_down)
-            if not np.any(is_against):
-                return []
-    except DaestError:
-        return []
+
+    def are_against(driven: Any, theta: np.ndarray, k: int) -> np.ndarray:
+        (correlation, _), _ = _beside(driven, part, theta)
+        return correlation < (0.0 if k else -DATA.upside_down)
+
+    is_against = _at_all_values(flat, np.ones(len(part.output_names), dtype=bool), are_against)
     return _against(part, is_against, len(part.output_names))
 
 
@@ -116,21 +112,34 @@ def lost_signs(flat: Model, experiment: Experiment) -> list[str]:
     """Outputs that come to zero and never below, and are as large in either direction that the model has them
     move in whatever its parameters are, as those of a sensor of magnitudes are."""
     part = _shortened(experiment)
-    is_lost = np.array([_may_be_magnitude(values) for values in part.outputs.T])
-    if not np.any(is_lost) or not np.any(np.ptp(part.inputs, axis=0)):
+    may_be = np.array([_may_be_magnitude(values) for values in part.outputs.T])
+    if not np.any(may_be) or not np.any(np.ptp(part.inputs, axis=0)):
         return []
     from daest.systems.simulation.simulate import simulate
 
+    def are_magnitudes(driven: Any, theta: np.ndarray, _k: int) -> np.ndarray:
+        pairs = zip(part.outputs.T, simulate(driven, part, theta=theta).outputs.T, strict=True)
+        return np.array([_is_magnitude(*pair) for pair in pairs])
+
+    is_lost = _at_all_values(flat, may_be, are_magnitudes)
+    return [name for name, found in zip(part.output_names, is_lost, strict=True) if found]
+
+
+def _at_all_values(
+    flat: Model, found: np.ndarray, are_so: Callable[[Any, np.ndarray, int], np.ndarray]
+) -> np.ndarray:
+    """Which of the outputs `found` (n_y,) are so at the values of the model and at all others that its
+    parameters may have, by `are_so` of the model that the inputs drive, the values and their number; none
+    where it cannot be simulated."""
     try:
         driven = _driven(flat)
-        for theta in _variants(flat):
-            pairs = zip(part.outputs.T, simulate(driven, part, theta=theta).outputs.T, strict=True)
-            is_lost &= [_is_magnitude(*pair) for pair in pairs]
-            if not np.any(is_lost):
-                return []
+        for k, theta in enumerate(_variants(flat)):
+            found = found & are_so(driven, theta, k)
+            if not np.any(found):
+                break
     except DaestError:
-        return []
-    return [name for name, found in zip(part.output_names, is_lost, strict=True) if found]
+        return np.zeros_like(found)
+    return found
 
 
 def _may_be_magnitude(measured: np.ndarray) -> bool:

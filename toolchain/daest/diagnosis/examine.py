@@ -272,7 +272,10 @@ def _decided(
         return evidence, decided, None
     progress(f"refitting with the load as a curve over {form.label}")
     learned, longest = None, max(LATE_SECONDS, LATE_TIMES * stand.baseline.seconds)
-    not_asked = f"a model in which it follows {form.variable} depends on itself"
+    not_asked = (
+        f"a model in which it follows {form.variable} depends on itself, or does not have that as its inputs "
+        "are held"
+    )
     try:
         with until(time.monotonic() + longest):
             learned = _learned(stand, run, form)

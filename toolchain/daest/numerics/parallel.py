@@ -147,6 +147,29 @@ class Workers:
                     following += 1
 
 
+def done_by(
+    pool: Workers,
+    work: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    ends: float,
+    *,
+    seconds: float = math.inf,
+    arrived: Callable[[int, Outcome[Result]], object] = lambda _number, _outcome: None,
+) -> dict[int, Outcome[Result]]:
+    """The outcomes of `Workers.map` by the numbers of their tasks, of those that were done when the time
+    `ends` (as `deadline.until` counts it); only these have `arrived`."""
+    outcomes: dict[int, Outcome[Result]] = {}
+
+    def heard(number: int, outcome: Outcome[Result]) -> None:
+        if not isinstance(outcome.error, deadline.OutOfTimeError):
+            outcomes[number] = outcome
+            arrived(number, outcome)
+
+    with suppress(deadline.OutOfTimeError), deadline.until(ends):
+        deque(pool.map(work, tasks, seconds=seconds, arrived=heard), maxlen=0)
+    return outcomes
+
+
 @contextmanager
 def workers(jobs: int = 1, cluster: str | None = None) -> Iterator[Workers]:
     """Workers for the time of a block: `jobs` processes of this machine, or all workers of the Dask cluster

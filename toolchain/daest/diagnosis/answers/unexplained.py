@@ -255,15 +255,16 @@ def _has_unexpected_load(loads: Loads) -> bool:
 def _unknown(evidence: Evidence, loads: Loads, form: FreeForm) -> Decided:
     nearest = _nearest(evidence)
     place = _group(loads.gains[form.load])
-    text = (
-        f"An effect that the library does not hold acts at {place}: the unexplained load follows "
-        f"{form.label} (p = {form.p_value:.1g}); the curve is given."
-    )
     if loads.not_asked:
         text = (
             f"An unexplained load acts at {place}. It seems to follow {form.label} (p = {form.p_value:.1g}), "
-            f"and the curve is given, but unseen data were not asked whether that is a law or noise: "
+            "and the curve is given, but unseen data were not asked whether that is a law or noise: "
             f"{loads.not_asked}."
+        )
+    else:
+        text = (
+            f"An effect that the library does not hold acts at {place}: the unexplained load follows "
+            f"{form.label} (p = {form.p_value:.1g}); the curve is given."
         )
     text += _told_nearest(nearest) + foreseen_by(evidence, nearest)
     record = f"Record {form.variable} over a wider range, slowly and in both directions, to tell its form."

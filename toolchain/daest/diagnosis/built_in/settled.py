@@ -133,18 +133,14 @@ def fit_by_simulation(
     where that simulates better; None where it fails."""
     names = tuple(p.name for p in white.parameters)
     known = set(flat.parameter_names)
-    lost = _lost(null, white)
+    given, is_lost = _given(null), _is_lost(null, white)
     begun = white.theta if beside is None else _better_in_simulation(white, beside)
-    starts = [begun] + ([{**begun, **lost}] if lost else [])
     fixed = {name: T for name, T in null.shortest_times.items() if name in known}
     options = replace(simulation_options(null, names, SIMULATED_ITERATIONS), fix=fixed)
-    given = _given(null)
     ends: list[FitResult] = []
-    for number, start in enumerate((*starts, {**begun, **given})):
-        if len(ends) == len(starts) and not any(_is_flat(end, given) for end in ends):
+    for start in (begun, {**begun, **given}):
+        if ends and not is_lost and not _is_flat(ends[0], given):
             break
-        if start in starts[:number]:
-            continue
         try:
             chosen_start = replace(options, start={name: start[name] for name in names})
             ends.append(identify(flat, experiments, chosen_start, validation))
@@ -197,12 +193,12 @@ def _better_in_simulation(white: FitResult, beside: Refit) -> dict[str, float]:
     return other.theta if ratios and float(np.mean(np.square(ratios))) < 1.0 else white.theta
 
 
-def _lost(null: Null, white: FitResult) -> dict[str, float]:
-    """The start values of the model's parameters, where the search beside the loads has led one of them far
-    away: a load that is free enough leaves it nothing to do. Empty where it has not."""
+def _is_lost(null: Null, white: FitResult) -> bool:
+    """Whether the search beside the loads has led a parameter of the model far away from where the user has
+    it looked for: a load that is free enough leaves it nothing to do."""
     starts = _given(null)
     apart = [white.theta[name] / value for name, value in starts.items() if value and name in white.theta]
-    return starts if any(_is_far(ratio) for ratio in apart) else {}
+    return any(_is_far(ratio) for ratio in apart)
 
 
 def _with_choice(parameter: FittedParameter, choice: Choice) -> FittedParameter:

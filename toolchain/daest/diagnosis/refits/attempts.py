@@ -49,8 +49,8 @@ def proof_by_attempts(search: Search, prepared: Prepared) -> Proof:
                 continue
             best = _found_again(search, prepared, best)
             if prepared.trial.is_seen_in_use and best.verdict == "rejected":
-                is_hopeless = says_less(search.leader, best.candidate, best.fit)
-                is_hopeless = is_hopeless or is_hopeless_in_use(search, prepared)
+                says_no_more = says_less(search.leader, best.candidate, best.fit)
+                is_hopeless = says_no_more or is_hopeless_in_use(search, prepared)
                 return best if is_hopeless else shown_in_use(search, prepared, best)
             return best
     raise errors[0]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -46,8 +44,7 @@ from daest.estimation.fitting.records import n_observed
 from daest.model.diagnosis import Candidate, Proof, Screen
 from daest.model.fit import FitResult, follows_all
 from daest.model.flat import with_equations
-from daest.numerics.deadline import OutOfTimeError, until
-from daest.numerics.parallel import Outcome, Workers, called
+from daest.numerics.parallel import Outcome, Workers, called, done_by
 from daest.systems.linear.linearize import has_affine_dynamics
 
 TIME_IS_UP = "it was not refitted: the time was up"
@@ -139,20 +136,14 @@ class Stages:
             *beside,
         ]
 
-        outcomes: dict[int, Outcome[Any]] = {}
-
         def arrived(number: int, outcome: Outcome[Any]) -> None:
-            if isinstance(outcome.error, OutOfTimeError):
-                return
-            outcomes[number] = outcome
             if keeper and number < len(missing) and outcome.error is None:
                 keeper.keep(stage[missing[number]], outcome.get())
 
         seconds = REFIT_SECONDS * self.search.stand.baseline.seconds
         for i in missing:
             self.progress(f"refitting with {stage[i].trial.candidate.label}")
-        with suppress(OutOfTimeError), until(self.options.until):
-            deque(self.pool.map(called, tasks, seconds=seconds, arrived=arrived), maxlen=0)
+        outcomes = done_by(self.pool, called, tasks, self.options.until, seconds=seconds, arrived=arrived)
         for number, i in enumerate(missing):
             if number not in outcomes:
                 self.late.append(stage[i].trial)

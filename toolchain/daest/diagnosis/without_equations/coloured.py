@@ -5,9 +5,7 @@ every diagnosis (`verdict.decide`)."""
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -26,8 +24,7 @@ from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen, Screened,
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, FittedParameter, IdentifyOptions, error_ratios
 from daest.model.flat import Model
-from daest.numerics.deadline import OutOfTimeError, until
-from daest.numerics.parallel import Outcome, workers
+from daest.numerics.parallel import done_by, workers
 from daest.numerics.statistics import chi2, ljung_box
 from daest.systems.events.integration import IntegrationError
 
@@ -255,15 +252,14 @@ def refitted(
     leaders with which the model could not be refitted, or was not for want of time."""
     for leader in leaders:
         progress(f"refitting with {leader.label}")
-    outcomes: dict[int, Outcome[Proof]] = {}
-    with workers(options.jobs, options.cluster) as pool, suppress(OutOfTimeError), until(options.until):
-        work, seconds = partial(_kept, proof, flat, options, step), REFIT_SECONDS * baseline.seconds
-        deque(pool.map(work, leaders, seconds=seconds, arrived=outcomes.__setitem__), maxlen=0)
+    work, seconds = partial(_kept, proof, flat, options, step), REFIT_SECONDS * baseline.seconds
+    with workers(options.jobs, options.cluster) as pool:
+        outcomes = done_by(pool, work, leaders, options.until, seconds=seconds)
     proofs: list[Proof] = []
     failed: list[Unproved] = []
     for number, leader in enumerate(leaders):
         outcome = outcomes.get(number)
-        if outcome is None or isinstance(outcome.error, OutOfTimeError):
+        if outcome is None:
             failed.append(replace(_unproved(leader), reason=TIME_IS_UP, is_late=True))
         elif isinstance(outcome.error, IntegrationError | DaestError):
             failed.append(_unproved(leader))

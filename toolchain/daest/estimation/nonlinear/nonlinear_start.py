@@ -181,10 +181,12 @@ def fit_initial_states(
     """
     n = len(problem.unknowns.coordinates)
 
-    def found_over(length: int, states: np.ndarray) -> Found | None:
+    def over(length: int) -> Objective:
         heads = tuple(part_of(e, 0, length) for e in problem.experiments)
-        short = replace(problem, experiments=heads).held_at(z)
-        return minimise(objective(short), states, lower[n:], upper[n:], INITIAL_ITERATIONS, enough)
+        return objective(replace(problem, experiments=heads).held_at(z))
+
+    def found_over(length: int, states: np.ndarray) -> Found | None:
+        return minimise(over(length), states, lower[n:], upper[n:], INITIAL_ITERATIONS, enough)
 
     longest = max(e.n_samples for e in problem.experiments)
     shown = [as_measured(problem, z, lower, upper, sizes) for sizes in _sizes_of_outputs(problem)]
@@ -198,11 +200,7 @@ def fit_initial_states(
         ends.append(found_over(FIRST_LENGTH, states))
     found = [end for end in ends if end is not None]
     best = min(found, key=lambda end: end.evaluation.value, default=None)
-    if best is None:
-        return z
-    heads = tuple(part_of(e, 0, FIRST_LENGTH) for e in problem.experiments)
-    short = replace(problem, experiments=heads).held_at(z)
-    return np.concatenate([z[:n], _as_far_as_seen(objective(short), best, z[n:])])
+    return z if best is None else np.concatenate([z[:n], _as_far_as_seen(over(FIRST_LENGTH), best, z[n:])])
 
 
 def _as_far_as_seen(likelihood: Objective, found: Found, begun: np.ndarray) -> np.ndarray:
@@ -214,16 +212,13 @@ def _as_far_as_seen(likelihood: Objective, found: Found, begun: np.ndarray) -> n
     way = found.z - begun
     if np.max(np.abs(way), initial=0.0) <= FIT.largest_step:
         return found.z
-    there = likelihood(found.z, True)
-    if there is None:
-        return found.z
-    rates, directions = np.linalg.eigh(there.information)
+    rates, directions = np.linalg.eigh(found.evaluation.information)
     parts = directions.T @ way
     is_seen = rates * parts**2 / 2.0 > FIT.untold_start
     states = begun + directions @ np.where(is_seen, parts, 0.0)
     moved = likelihood(states, False)
-    is_as_likely = moved is not None and moved.value - there.value < begun.size * FIT.untold_start
-    return states if is_as_likely else found.z
+    most = found.evaluation.value + begun.size * FIT.untold_start
+    return states if moved is not None and moved.value < most else found.z
 
 
 def _sizes_of_outputs(problem: TrajectoryProblem) -> list[np.ndarray]:

@@ -187,7 +187,8 @@ class _Laws:
             used, inputs = self._made_of(row)
             if not inputs or max(used, default=0) >= self._n:
                 continue
-            if any({*body} <= used or self._is_summed(used, inputs, body[0]) for body in bodies):
+            summed = self._summed(used, inputs)
+            if any({*body} <= used or body[0] in summed for body in bodies):
                 given = [i for i in self._unknowns[row] if abs(self._slopes[row, i]) == 1.0]
                 found |= {self._flat.unknowns[i].name for i in given}
         return found
@@ -204,11 +205,11 @@ class _Laws:
             left += [x for x in new if x in self.given]
         return used, inputs
 
-    def _is_summed(self, used: set[int], inputs: set[int], speed: int) -> bool:
-        """Whether a speed is among what a law is made of, and an unknown whose rate is made of that speed
-        and of one of the same `inputs`."""
+    def _summed(self, used: set[int], inputs: set[int]) -> set[int]:
+        """Of the unknowns `used` in a law those of which another one is the sum over time, together with one
+        of the same `inputs`."""
         rates = (self._made_of(self.integrated[x]) for x in used if x in self.integrated)
-        return speed in used and any(speed in of and given & inputs for of, given in rates)
+        return used & set().union(*(of for of, given in rates if given & inputs))
 
     def uses(self, variable: int, row: int, is_block: bool) -> tuple[int, ...]:
         """The rows that use an unknown which `row` gives: of a block those of connections."""

@@ -59,6 +59,7 @@ def _units_in_seconds(flat: FlatModel, effect: Effect, site: Site, clock: str) -
     time of the `clock`."""
     if site.parts:
         return _units_in_seconds(flat, effect, site.parts[0], clock)
+    given = {p.name: p.unit for p in effect.parameters}
     if site.kind in ("input", "output", "signal"):
         known = {x.name: x.unit for x in flat.unknowns} if site.kind == "signal" else {}
         known |= {x.name: x.unit for x in flat.inputs} | {y.name: y.unit for y in flat.outputs}
@@ -71,26 +72,25 @@ def _units_in_seconds(flat: FlatModel, effect: Effect, site: Site, clock: str) -
         if balance is not None and not balances_flows(flat, balance):
             unit = flat.unknowns[balance.variable].unit
             own = (base_unit(unit) or unit, "s")
-            given = {p.name: p.unit for p in effect.parameters}
             if balance.is_level(flat):  # m3/s is made of m and s, too, but the terms may be anything
                 given = {name: "" if "m3" in unit else unit for name, unit in _as_levels(given).items()}
             return {name: unit if _is_made_of(unit, own) else "" for name, unit in given.items()}
         if balance is not None and balance.is_level(flat):
-            return _as_levels({p.name: p.unit for p in effect.parameters})
+            return _as_levels(given)
     if site.connectors and site.domain == "hydraulic":
         of_potential, of_flow = _units_of_connector(flat, site)
         if of_flow == MASS_FLOW:
             return {p.name: _of_mass(p.unit) for p in effect.parameters}
         if is_length(of_potential):
-            return _as_levels({p.name: p.unit for p in effect.parameters})
+            return _as_levels(given)
         if of_flow and not is_of(of_flow, FLOWS["hydraulic"]):
             return {p.name: _of_other_flow(p.unit, of_flow) for p in effect.parameters}
     if site.kind == "mesh" and site.domain == "hydraulic":
         number, name = site.name.split(":", 1)
         row, flow = int(number), flat.unknown_names.index(name)
         if any(is_of_heads(flat, row, flow, one) for one in (ONE, *parts_divided_by(flat, row)[0])):
-            return _as_levels({p.name: p.unit for p in effect.parameters})
-    return {p.name: p.unit for p in effect.parameters}
+            return _as_levels(given)
+    return given
 
 
 def _as_levels(units: Mapping[str, str]) -> dict[str, str]:
