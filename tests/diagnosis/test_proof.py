@@ -48,6 +48,7 @@ from daest.diagnosis.evidence.reasons import (
 )
 from daest.diagnosis.evidence.refused_beside import _ends_in_a_simpler_law
 from daest.diagnosis.evidence.stand import begin, reference_of
+from daest.diagnosis.evidence.unseen import SIMULATED_WORSE
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import grown
 from daest.diagnosis.options import DiagnoseOptions
@@ -672,6 +673,12 @@ def test_weak_candidate_is_not_accepted_beside_a_far_more_likely_one():
     assert ranked([held, replace(passing, confirmed=known)])[0].verdict == "rejected"
     assert ranked([held, replace(passing, confirmed=replace(known, certainty=1.0))])[0].verdict == "supported"
     assert ranked([held, replace(passing, confirmed=replace(known, gain=50.0))])[0].verdict == "supported"
+    # Where nothing but their whole simulation speaks against it, too.
+    whole = f"{SIMULATED_WORSE} 1.12 times worse"
+    drifting = replace(passing, ahead=(Ahead(1, 0.01, 0.95, 5.0),), reason=whole, confirmed=known)
+    assert ranked([held, drifting])[0].verdict == "rejected"
+    assert ranked([held, replace(drifting, reason="it is shaky")])[0].verdict == "supported"
+    assert ranked([held, replace(drifting, confirmed=replace(known, gain=50.0))])[0].verdict == "supported"
 
 
 def test_law_that_its_simulation_shows_is_held_against_a_refused_one_beside_the_loads():

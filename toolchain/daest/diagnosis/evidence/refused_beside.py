@@ -10,7 +10,7 @@ from daest.diagnosis.built_in.settled import LOST
 from daest.diagnosis.evidence.law_values import is_simpler, leaves_load_and_errors, unseen_ratio
 from daest.diagnosis.evidence.reasons import NO_BEND, NOT_SIGNIFICANT, STRAIGHT
 from daest.diagnosis.evidence.same_laws import is_same_where_alike
-from daest.diagnosis.evidence.unseen import is_worse
+from daest.diagnosis.evidence.unseen import SIMULATED_WORSE, is_worse
 from daest.diagnosis.gates import GATES
 from daest.model.diagnosis import Proof
 from daest.model.fit import error_ratios
@@ -219,9 +219,11 @@ def _is_likelier_part(refused: Proof, best: Proof) -> bool:
 
 def _is_torn(refused: Proof, best: Proof) -> bool:
     """Whether predictions of unseen data speak against a law, and their simulation, those over the longest
-    horizon, or their likelihood do not: that is better than the best law's, or as good."""
+    horizon, or their likelihood do not: that is better than the best law's, or as good. Where nothing but
+    their whole simulation speaks against it, which adds up what is missing besides, their likelihood may
+    contradict that, too."""
     if not any(is_worse(one) for one in refused.ahead):
-        return False
+        return refused.reason.startswith(SIMULATED_WORSE) and _is_confirmed_more(refused, best)
     is_longer = unseen_ratio(best, refused) < GATES.max_rival_error or _lasts(best, refused)
     return is_longer or _is_confirmed_more(refused, best)
 

@@ -36,6 +36,7 @@ UNSEEN = 1e-9  # share of a direction that is new to the outputs, below which it
 FEWEST_STRETCHES = 5
 CORRECTED = (0.03, 0.1, 0.3)  # of an innovation, by observers that follow more closely than the fit asks for
 LOUDER = 10.0 ** np.arange(-12, 13)  # times the loads of the fit
+SIMULATED_WORSE = "the simulation of unseen data gets"
 
 
 @dataclass(frozen=True)
@@ -319,7 +320,7 @@ def judged(
     most = 1.0 + (GATES.max_simulated_loss if speaks else GATES.same_unseen_error)
     has_held = whole > GATES.max_followed_ratio and _is_followed(before)
     if ratios and whole > most and not (adds_up and is_clear and not has_held):
-        return f"the simulation of unseen data gets {whole:.3g} times worse", False, False
+        return f"{SIMULATED_WORSE} {whole:.3g} times worse", False, False
     lost = max(held, default=(0.0, ""))
     if lost[0] > 1.0 / GATES.max_clear_ratio and not _is_elsewhere(after):
         return f"the simulation of {lost[1]} of unseen data gets {lost[0]:.3g} times worse", False, False
