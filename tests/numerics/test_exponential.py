@@ -120,3 +120,12 @@ def test_nodes_of_periods_sum_to_what_every_period_has():
 def test_models_without_states_have_no_transition_at_any_time():
     """The force of a spring that is stretched at uneven times had been an internal error."""
     assert exponential.beside(np.zeros((0, 0)), np.linspace(0.1, 0.11, 20)) is None
+
+
+def test_dynamics_that_no_parameter_moves_have_derivatives_in_no_direction():
+    """A battery between pulses, sampled as its voltage moves, with all time constants held, had been an
+    internal error."""
+    near = exponential.beside(np.diag([-1.0, -2.0]), np.linspace(0.1, 0.11, 20))
+    none = np.zeros((0, 2, 2))
+    assert near.derivatives(none).transition.shape == (20, 0, 2, 2)
+    assert near.covariance_derivatives(np.eye(2), none, none).shape == (20, 0, 2, 2)

@@ -155,7 +155,8 @@ class Beside:
     def _summed(self, terms: np.ndarray, powers: np.ndarray | None = None) -> np.ndarray:
         """Sums (k, ...) of the `terms` (j, ...) times δ^j, or other `powers` (k, j)."""
         powers = self._powers if powers is None else powers
-        return np.asarray(powers @ terms.reshape(len(terms), -1)).reshape(-1, *terms.shape[1:])
+        flat = terms.reshape(len(terms), math.prod(terms.shape[1:]))
+        return np.asarray(powers @ flat).reshape(len(powers), *terms.shape[1:])
 
     def _covariance_in_units(self, covariance: np.ndarray) -> np.ndarray:
         return np.outer(self.size, self.size) * (covariance + _transposed(covariance)) / 2
