@@ -143,6 +143,24 @@ def test_time_and_units_are_found(folder, daest):
     assert abs(json.loads(out)["parameters"]["k"]["value"] - 2.0) < 0.05
 
 
+def test_other_temperatures_are_in_the_unit_of_those_of_the_model(folder, daest):
+    """A column that no signal has, without a unit, may be what a law needs."""
+    (folder / "Room.mo").write_text(
+        'model Room input Real T_out(unit = "degC"); output Real T(unit = "degC");'
+        ' parameter Real tau(unit = "s") = 9; equation tau*der(T) = T_out - T; end Room;'
+    )
+    rows = "".join(f"{0.1 * k:.1f},{k % 3},{k % 5},{k % 7},{k % 2}\n" for k in range(40))
+    for header, expected in (
+        ("T_out,T,T_next,Torque", {"T_next": "degC"}),
+        ("T_out [K],T [K],Tn,x", {"Tn": "K"}),
+    ):
+        (folder / "room.csv").write_text(f"time [s],{header}\n{rows}")
+        (folder / "daest.toml").unlink(missing_ok=True)
+        code, out, err = daest("init", "Room.mo", "room.csv", "--format", "json")
+        assert code == 0, err
+        assert json.loads(out)["units"] == expected == load_project().units
+
+
 def test_faults_of_the_recording_are_told_at_once(folder, daest):
     text = (folder / "run1.csv").read_text().replace("\n0.15,", "\n0.1,", 1)
     (folder / "bad.csv").write_text(text)

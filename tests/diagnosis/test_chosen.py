@@ -39,3 +39,25 @@ def test_no_recorded_temperature_is_added_to_a_temperature(tmp_path):
     assert tried("degC") == {("wind", "T_a"), ("wind", "y")}
     # What no temperature drives may be a rise above the one that is recorded.
     assert ("T_next", "y") in tried("1")
+
+
+def test_column_supplies_laws_of_its_unit(tmp_path):
+    """A wind is no temperature, and a temperature is neither a wind nor a flow of heat; what has no unit may
+    be anything but a temperature."""
+    (tmp_path / "Room.mo").write_text(ROOM.replace("UNIT", "degC"))
+    flat = compile_model(tmp_path / "Room.mo")
+    time = np.arange(50.0)
+    rows = np.column_stack([time, np.sin(time), 20 + np.cos(time), np.sin(0.3 * time), time % 7, time % 5])
+    header = "time [s],T_a,y [degC],T_next [degC],wind [m/s],other"
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=header, comments="")
+    records = read_experiments([tmp_path / "run.csv"], [Signal("T_a", "degC")], [Signal("y", "degC")])
+    found = chosen_candidates(effect_library(), sites(flat), records, DiagnoseOptions())
+    thermal = [c for c in found if c.effect.domain == "thermal" and c.inputs]
+    assert {(c.effect.name, *c.inputs.values()) for c in thermal} == {
+        ("MeasuredSurroundings", "T_next"),
+        ("MeasuredHeatFlow", "wind"),
+        ("MeasuredHeatFlow", "other"),
+        ("MeasuredHeatGain", "other"),
+    }
+    (next_door,) = (c for c in thermal if c.effect.name == "MeasuredSurroundings")
+    assert next_door.input_units == {"u": "degC"}

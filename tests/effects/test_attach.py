@@ -173,6 +173,20 @@ def test_measured_input_is_a_new_input_or_a_present_one() -> None:
     assert "voltage = measuredHeatGain.u" in {e.text for e in again.equations}
 
 
+def test_recorded_temperature_is_supplied_in_its_own_unit() -> None:
+    """The column stays in degC, in the recording and in the model; the law takes what is absolute."""
+    effect = find_effect("Thermal.MeasuredSurroundings")
+    site = find_site(rig(), "room", effect)
+    assert effect.input_units == ("K",)
+    flat = attach(rig(), effect, site, inputs={"u": "T_next"}, input_units={"u": "degC"})
+    assert (flat.inputs[-1].name, flat.inputs[-1].unit) == ("T_next", "degC")
+    texts = {e.text for e in flat.equations}
+    assert "T_next + 273.15 = measuredSurroundings.u" in texts
+    # What does not convert is no unit for it.
+    other = attach(rig(), effect, site, inputs={"u": "x"}, input_units={"u": "m"})
+    assert other.inputs[-1].unit == "K" and "x = measuredSurroundings.u" in {e.text for e in other.equations}
+
+
 def test_names_parameters_and_texts() -> None:
     flat = placed("Rotational.Backlash", "shaft", gap=0.02)
     names = [p.name for p in flat.parameters]

@@ -121,6 +121,10 @@ def test_values_of_the_model_arrays_and_inputs() -> None:
     sun = extended("MeasuredHeatGain", "room", inputs={"u": "G_solar"})
     assert 'RealInput G_solar(unit = "W/m2", start = 0)' in sun.added
     assert sun.flat.inputs[-1].name == "G_solar"
+    signal, unit = {"u": "T_next"}, {"u": "degC"}
+    beside = extended("MeasuredSurroundings", "room", inputs=signal, input_units=unit)
+    assert 'RealInput T_next(unit = "degC", start = 0)' in beside.added
+    assert "measuredSurroundings.u = T_next + 273.15;" in beside.added
 
 
 @pytest.mark.slow

@@ -96,6 +96,7 @@ OTHERS: dict[str, tuple[str, Law]] = {
     "HeatLoss": ("Q_flow", lambda v: -v["G"] * (v["port.T"] - v["T_0"])),
     "RadiationLoss": ("Q_flow", lambda v: -v["Gr"] * 5.670374419e-8 * (v["port.T"] ** 4 - v["T_0"] ** 4)),
     "MeasuredHeatGain": ("Q_flow", lambda v: v["A"] * v["u"]),
+    "MeasuredSurroundings": ("Q_flow", lambda v: -v["G"] * (v["port.T"] - v["u"])),
     "MeasuredHeatFlow": ("Q_flow", lambda v: v["k"] * v["u"]),
     "MeasuredVentilation": ("Q_flow", lambda v: v["k"] * v["u"] * v["dT"]),
     "Orifice": ("dp", lambda v: v["k"] * v["q"] * np.hypot(v["q"], v["q_s"])),

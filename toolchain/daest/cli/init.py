@@ -16,6 +16,7 @@ from daest.cli.output import emit, whole_file
 if TYPE_CHECKING:
     import numpy as np
 
+    from daest.data.match import Match
     from daest.data.table import Table
     from daest.model.experiment import DataCheck
     from daest.model.flat import Model
@@ -43,7 +44,7 @@ def command(
     """
     from daest.cli.check import checked
     from daest.cli.models import model_source
-    from daest.data.match import match_columns, named_time_unit, named_units, propose_time
+    from daest.data.match import match_columns, propose_time
     from daest.data.project import FILE_NAME, Project, load_project
     from daest.data.read import Signal, read_table
     from daest.data.template import Draft, project_text
@@ -68,7 +69,7 @@ def command(
         tuple(matches[len(inputs) :]),
         tuple(column.header for column in tables[0].columns) if tables else (),
         propose_time(tables[0]) if tables else None,
-        {**named_units(matches, tables[0]), **named_time_unit(tables[0])} if tables else {},
+        _units_to_check(matches, tables[0]) if tables else {},
         frozenset({*parameters.held, *(parameters.prior or {}), *_other_choice(source, flat)}),
         proposed,
         _split(tables, is_driven=bool(inputs)),
@@ -79,6 +80,17 @@ def command(
     project = load_project(file)
     checks = [checked(path, project, flat) for path in data]
     emit(_document(file, draft, checks, tables), "init", form, None, _text)
+
+
+def _units_to_check(matches: Sequence[Match], table: Table) -> dict[str, str]:
+    """The units of columns whose header names none, as their names and their neighbours tell."""
+    from daest.data.match import named_time_unit, named_units, other_temperatures
+
+    return {
+        **named_units(matches, table),
+        **other_temperatures(matches, table),
+        **named_time_unit(table),
+    }
 
 
 def _split(tables: Sequence[Table], *, is_driven: bool) -> float | None:

@@ -21,7 +21,7 @@ from daest.data.table import (
     with_seconds,
 )
 from daest.model.experiment import Finding
-from daest.quantities import converts, may_count_turns
+from daest.quantities import converts, is_temperature, may_count_turns
 
 How = Literal[
     "name",
@@ -48,6 +48,7 @@ class Match:
     how: How | None
 
 
+_IS_TEMPERATURE = re.compile(r"(?i:temp)|^T(?![a-z])|^T[a-z]{1,3}(?![a-zA-Z])")  # T_out, Tamb, T2, temp_in
 _TIME_NAMES = ("t", "time", "zeit", "timestamp", "seconds", "sec", "elapsed")
 
 
@@ -89,6 +90,28 @@ def _told_unit(column: Column, signal: Signal) -> str:
     unit = column_unit(column)
     is_speed = may_count_turns(unit, "rpm") and _same_kind("rpm", signal.unit) and "rad" in signal.unit
     return "rpm" if is_speed else unit
+
+
+def other_temperatures(matches: Sequence[Match], table: Table) -> dict[str, str]:
+    """The unit of columns without one that no signal has, are called like a temperature, and stand beside
+    temperatures of the model that are all in one unit: a law may need them."""
+    matched = [m for m in matches if m.column is not None and is_temperature(m.signal.unit)]
+    taken = {m.column for m in matches}
+    units = {_unit_in(table, m) for m in matched}
+    if len(units) != 1:
+        return {}
+    (unit,) = units
+    return {
+        c.name: unit
+        for c in table.columns
+        if c.unit is None and c.name not in taken and not c.texts and _IS_TEMPERATURE.search(c.name)
+    }
+
+
+def _unit_in(table: Table, match: Match) -> str:
+    """That of a matched column: its own, or the one of the model, as which it is read."""
+    column = table.find(match.column or "")
+    return (column.unit if column is not None else None) or match.signal.unit
 
 
 def named_time_unit(table: Table) -> dict[str, str]:

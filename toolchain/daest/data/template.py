@@ -81,7 +81,7 @@ def _data(draft: Draft) -> Iterator[str]:
     yield from _mapping("inputs", draft.inputs)
     yield from _mapping("outputs", draft.outputs)
     if draft.units:
-        yield "\n[data.units]  # column = unit, from its name: please check"
+        yield "\n[data.units]  # column = unit, by names: please check"
         for column, unit in draft.units.items():
             yield f"{toml_key(column)} = {_text(unit)}"
 

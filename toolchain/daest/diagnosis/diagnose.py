@@ -200,7 +200,13 @@ def switching_case(
     return (
         quiet,
         chosen_candidates(
-            library, sites(quiet), estimation, options, unused=unused, temperatures=temperatures_of(quiet)
+            library,
+            sites(quiet),
+            estimation,
+            options,
+            unused=unused,
+            temperatures=temperatures_of(quiet),
+            input_units={x.name: x.unit for x in quiet.inputs},
         ),
         tuple(estimation),
         tuple(unseen),

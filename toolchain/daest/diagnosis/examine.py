@@ -98,6 +98,7 @@ def _examined(
         names_of(stand.null.flat),
         unused_inputs(stand.null.flat),
         temperatures_of(stand.declared),
+        {x.name: x.unit for x in stand.null.flat.inputs},
     )
     progress(f"screening {len(candidates)} effect{'' if len(candidates) == 1 else 's'} at places")
 

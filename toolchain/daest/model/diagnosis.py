@@ -45,16 +45,17 @@ class Load:
 @dataclass(frozen=True)
 class Candidate:
     """An effect at a site as component `name`, with its shape and sharpness values, those of them that a
-    proof takes in place of the screen's (`proved`), the recorded signals that supply its inputs, and the
-    units that its parameters have there. `searched` counts the values of its shape that were compared on the
-    data before it was chosen. `keeps_order`: at this place the effect brings no state of its own, whatever
-    it does elsewhere (an inductance beside one that the model has)."""
+    proof takes in place of the screen's (`proved`), the recorded signals that supply its inputs with their
+    units where they are known, and the units that its parameters have there. `searched` counts the values of
+    its shape that were compared on the data before it was chosen. `keeps_order`: at this place the effect
+    brings no state of its own, whatever it does elsewhere (an inductance beside one that the model has)."""
 
     effect: Effect
     site: Site
     name: str
     shape: dict[str, float] = field(default_factory=dict)
     inputs: dict[str, str] = field(default_factory=dict)
+    input_units: dict[str, str] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     searched: int = 1
     keeps_order: bool = False

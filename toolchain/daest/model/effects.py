@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from daest.quantities import is_of
+
 Domain = Literal["rotational", "translational", "electrical", "thermal", "hydraulic", "amount", "signal"]
 Attachment = Literal["connector", "parallel", "series", "signal", "input", "output", "parameter"]
 ParameterRole = Literal["size", "shape", "sharpness", "given"]
@@ -93,17 +95,16 @@ class Effect:
     `has_support`), "parallel" to a component, in "series" with a connector, between a "signal" and its use
     ("input" or "output" where only one of them makes sense), or at a "parameter". `connectors` are its
     connectors in the order from a to b; those of a signal effect are `u` and `y`. `inputs` are signals that
-    must be supplied besides. `is_dynamic`: the model changes its order or index at the null of the sizes, so
-    that no derivative with respect to them exists there. `n_states` counts the effect's own states that it
-    has besides those of the motion of its connectors. `outside` tells where it is tried at an FMU without
-    equations: at its inputs, at its outputs, or not at all. `sum_of` names the effects that it is the sum of:
-    beside all but one of them, it is the one that is left. `grounded` names the effect at one connector
-    that it is where an end of its place is grounded, `one_way` the one that it is where all motion goes one
-    way. `is_of_store`: it changes a store that the model has,
-    and is nothing where there is none. `most_turns`: of a body that it may hold; no spring is wound by one
-    that turns on and on. None where it acts at any angle. `is_of_driving`: its further signal is an input
-    that drives the model, and no recorded signal that does nothing there. `is_of_gas`: it is tried where
-    what flows may be a gas.
+    must be supplied besides, in `input_units`. `is_dynamic`: the model changes its order or index at the null
+    of the sizes, so that no derivative with respect to them exists there. `n_states` counts the effect's own
+    states that it has besides those of the motion of its connectors. `outside` tells where it is tried at an
+    FMU without equations: at its inputs, at its outputs, or not at all. `sum_of` names the effects that it is
+    the sum of: beside all but one of them, it is the one that is left. `grounded` names the effect at one
+    connector that it is where an end of its place is grounded, `one_way` the one that it is where all motion
+    goes one way. `is_of_store`: it changes a store that the model has, and is nothing where there is none.
+    `most_turns`: of a body that it may hold; no spring is wound by one that turns on and on. None where it
+    acts at any angle. `is_of_driving`: its further signal is an input that drives the model, and no recorded
+    signal that does nothing there. `is_of_gas`: it is tried where what flows may be a gas.
     """
 
     name: str
@@ -118,6 +119,7 @@ class Effect:
     n_states: int
     has_support: bool = False
     inputs: tuple[str, ...] = ()
+    input_units: tuple[str, ...] = ()
     outside: Literal["", "input", "output"] = ""
     sum_of: tuple[str, ...] = ()
     grounded: str = ""
@@ -202,10 +204,18 @@ class Site:
 class Placement:
     """An effect at a site under the name of its component (empty: a free one), with the values of its
     parameters and, for its `Effect.inputs`, the names of the model's inputs that supply them (default
-    NAME_INPUT, a new one); at a parameter, those of any variables of the model."""
+    NAME_INPUT, a new one), with the units that new ones have (default those of the effect); at a parameter,
+    those of any variables of the model."""
 
     effect: Effect
     site: Site
     name: str = ""
     values: Mapping[str, float] = field(default_factory=dict)
     inputs: Mapping[str, str] = field(default_factory=dict)
+    input_units: Mapping[str, str] = field(default_factory=dict)
+
+    def unit_of(self, name: str, own: str) -> str:
+        """Of a new input of the model for the effect's signal `name`, whose `own` unit it is where the other
+        does not convert."""
+        unit = self.input_units.get(name, "")
+        return unit if unit and own and is_of(unit, own) else own

@@ -95,7 +95,7 @@ def _fitted(null: Null, law: Proof, parts: Sequence[Candidate], sign: float) -> 
             }
             given = {p.name for p in part.effect.parameters}
             values = {**{name: value for name, value in kinks.items() if name in given}, **begun}
-            flat = attach(flat, part.effect, part.site, part.name, values, part.inputs)
+            flat = attach(flat, part.effect, part.site, part.name, values, part.inputs, part.input_units)
             names = (*names, *part.estimated)
         with quiet():
             return refitted(flat, reduce_index(flat), names, replace(null, fit=law.fit)).fit

@@ -15,7 +15,7 @@ from daest.model.diagnosis import (
     Proof,
 )
 from daest.model.fit import FitResult, most_lasting, ratios_by_output
-from daest.quantities import spoken_duration
+from daest.quantities import is_temperature, spoken_duration
 
 
 def supported(evidence: Evidence, proof: Proof) -> str:
@@ -29,13 +29,23 @@ def told_of(evidence: Evidence, proof: Proof) -> str:
         text += f" The sensors cannot tell it from the same effect at {listed(proof.equivalent)}."
     if proof.same_as:
         text += f" On these recordings it is the same equation as {listed(proof.same_as)}."
-    text += _of_both(evidence, proof)
+    text += _of_both(evidence, proof) + _of_recorded_potential(proof)
     if proof.left is not None and is_significant(proof.left, proof.delta_log_likelihood):
         text += f" Something else is missing besides: what is left follows {proof.left.label}."
     ratio = error_ratio(evidence, proof)
     told = errors_told(evidence, proof) + importance_told(evidence, proof) + _left_over(evidence, proof)
     told += certainty_told(evidence, proof)
     return text + told + foreseen_by(evidence, proof, GATES.max_told_ratio * min(ratio, 1.0))
+
+
+def _of_recorded_potential(proof: Proof) -> str:
+    """That what is recorded beside the machine may answer to the same cause, where the law is an exchange
+    with it; empty for other laws."""
+    effect, columns = proof.candidate.effect, proof.candidate.inputs
+    if effect.domain != "thermal" or not any(map(is_temperature, effect.input_units)):
+        return ""
+    name = listed(tuple(columns.values()))
+    return f" What warms {name} as well, and is not recorded, would look alike."
 
 
 def _of_both(evidence: Evidence, proof: Proof) -> str:

@@ -94,6 +94,7 @@ def _written(
         ),
         values=_own_values(proof),
         inputs=inputs,
+        input_units=candidate.input_units,
         parameters=_changed(flat, proof.told.theta, names),
         held=_held(proof),
         libraries=libraries,

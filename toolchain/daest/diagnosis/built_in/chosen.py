@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,19 +31,21 @@ def chosen_candidates(
     taken: Collection[str] = (),
     unused: Sequence[str] = (),
     temperatures: Collection[str] = (),
+    input_units: Mapping[str, str] | None = None,
 ) -> tuple[Candidate, ...]:
     """The effects of the library at the places where they fit, those that `options` name, under names that
     are not `taken`. What is recorded and does nothing in the model may be what a law needs: columns, and
-    `unused` inputs. No dead time of the one output of a model whose inputs keep their levels: what runs by
-    itself is as late where it began elsewhere. Nothing with states of its own at an input that is zero, and
-    no bend at one that takes no more than two values: between them any law is a gain with an offset. No law
-    of a sensor that is hardly ever read, unless it is asked for: through a few samples many laws go. No
-    recorded temperature is added to one of the signals `temperatures`: such a sum has no meaning, since it is
-    another one in K as in degC."""
+    `unused` inputs, which have `input_units`. No dead time of the one output of a model whose inputs keep
+    their levels: what runs by itself is as late where it began elsewhere. Nothing with states of its own at
+    an input that is zero, and no bend at one that takes no more than two values: between them any law is a
+    gain with an offset. No law of a sensor that is hardly ever read, unless it is asked for: through a few
+    samples many laws go. No recorded temperature is added to one of the signals `temperatures`: such a sum
+    has no meaning, since it is another one in K as in degC."""
     library = [_within_samples(effect, experiments) for effect in library]
     recorded = [*unused, *experiments[0].extra]
     columns = [name for name in recorded if _is_new_signal(name, experiments, unused)]
-    whole = pairs(library, places, columns, taken, _driving(experiments, unused))
+    units = {**(input_units or {}), **_agreed_units(experiments)}
+    whole = pairs(library, places, columns, taken, _driving(experiments, unused), units)
     none = {
         name for name in experiments[0].input_names if not any(np.any(e.input(name)) for e in experiments)
     }
@@ -65,6 +67,12 @@ def chosen_candidates(
         )
         and (not options.places or {c.site.name, *c.site.aliases} & set(options.places))
     )
+
+
+def _agreed_units(experiments: Sequence[Experiment]) -> dict[str, str]:
+    """The units of columns that all recordings tell alike."""
+    first = experiments[0].extra_units
+    return {n: u for n, u in first.items() if all(e.extra_units.get(n) == u for e in experiments)}
 
 
 def temperatures_of(flat: Model) -> set[str]:

@@ -184,7 +184,9 @@ def prepare(
     }
     inside = {p.name: _inside(sizes[p.name], p.min, p.max) for p in effect.sizes}
     values = {**candidate.shape, **sharp, **candidate.proved, **inside}
-    grown = attach(flat, effect, candidate.site, candidate.name, values, candidate.inputs)
+    grown = attach(
+        flat, effect, candidate.site, candidate.name, values, candidate.inputs, candidate.input_units
+    )
     return Prepared(trial, grown, (*estimated, *candidate.estimated))
 
 

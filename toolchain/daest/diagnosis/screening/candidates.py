@@ -23,6 +23,7 @@ from daest.modelica.places.balances import domain_of, is_length
 from daest.modelica.places.place_units import units_at
 from daest.modelica.places.sites import fits
 from daest.numerics.evaluator import along
+from daest.quantities import is_known_unit, is_of, is_temperature
 from daest.systems.reduction.reduce import chosen_states, reduce_index
 
 MOST_SHAPES = 32  # of one effect at one place: thinned out, periodic effects lose whole phases
@@ -45,10 +46,11 @@ def pairs(
     columns: Sequence[str] = (),
     taken: Collection[str] = (),
     driving: Sequence[str] = (),
+    units: Mapping[str, str] | None = None,
 ) -> tuple[Candidate, ...]:
     """Effects at sites, shapes not yet chosen, under names that no component of `taken` has. Effects that
     need a measured signal are tried with every one of `columns`, the recorded signals that the model does not
-    use, or with every one of the inputs that are `driving` it.
+    use and whose `units` fit as far as they are known, or with every one of the inputs that are `driving` it.
 
     What flows to ground leaves the model: an effect between two nodes that would say
     the same as one of a single node is left out. So are signals inside, where there are too many."""
@@ -66,10 +68,28 @@ def pairs(
                 continue
             if site.is_grounded and effect.grounded in known:
                 continue
-            feeding = driving if effect.is_of_driving else columns
-            supplies = [{effect.inputs[0]: c} for c in feeding] if effect.inputs else [{}]
-            found += [Candidate(effect, site, next(names), {}, s) for s in supplies]
+            if not effect.inputs:
+                found.append(Candidate(effect, site, next(names)))
+                continue
+            feeding = driving if effect.is_of_driving else _fitting(effect, columns, units or {})
+            for column in feeding:
+                supply = {effect.inputs[0]: column}
+                unit = {effect.inputs[0]: units[column]} if units and column in units else {}
+                found.append(Candidate(effect, site, next(names), {}, supply, unit))
     return tuple(found)
+
+
+def _fitting(effect: Effect, columns: Sequence[str], units: Mapping[str, str]) -> list[str]:
+    """The columns that may supply an effect: of another unit than it wants none, for a temperature none whose
+    unit is not known. No temperature is a flow of heat: its zero is another one in another unit."""
+    wanted = effect.input_units[0]
+
+    def is_fitting(unit: str) -> bool:
+        if is_temperature(wanted) or (effect.domain == "thermal" and is_temperature(unit)):
+            return is_temperature(wanted) and is_temperature(unit)
+        return not (wanted and is_known_unit(unit)) or is_of(unit, wanted)
+
+    return [column for column in columns if is_fitting(units.get(column, ""))]
 
 
 def keeping_order(
@@ -324,7 +344,7 @@ def placement(candidate: Candidate, sizes: Mapping[str, float] | None = None) ->
     """The candidate with the given sizes, by default the ones at which it vanishes."""
     effect = candidate.effect
     values = {**effect.null_values, **candidate.shape, **(sizes or {})}
-    return Placement(effect, candidate.site, candidate.name, values, candidate.inputs)
+    return Placement(effect, candidate.site, candidate.name, values, candidate.inputs, candidate.input_units)
 
 
 def ranges(

@@ -32,7 +32,7 @@ from daest.modelica.places.place_units import balance_entry, units_at
 from daest.modelica.places.sites import connection_sets, fits
 from daest.modelica.places.terminals import terminals
 from daest.near import did_you_mean
-from daest.quantities import Conversion
+from daest.quantities import Conversion, conversion, is_of
 
 __all__ = ["attach", "attach_all", "component_name"]
 
@@ -44,12 +44,14 @@ def attach(
     name: str | None = None,
     values: Mapping[str, float] | None = None,
     inputs: Mapping[str, str] | None = None,
+    input_units: Mapping[str, str] | None = None,
 ) -> FlatModel:
     """`flat` with `effect` at `site` as component `name` (default: its class name in lower case, numbered if
     taken).
 
     `values` are the values of the effect's parameters, in place of their start values; `inputs` maps its
-    signal inputs to inputs of the model, which are made where they do not exist. Raises ModelError:
+    signal inputs to inputs of the model, which are made where they do not exist, with `input_units` as in
+    `Placement`. Raises ModelError:
     `effect-fit`, `effect-present`, `effect-name`, `effect-parameter`.
 
         >>> from daest.modelica.places.sites import find_site
@@ -57,7 +59,9 @@ def attach(
         >>> daest.attach(flat, effect, site).parameters[-1].name
         'coulombFriction.w_s'
     """
-    return attach_all(flat, [Placement(effect, site, name or "", values or {}, inputs or {})])
+    return attach_all(
+        flat, [Placement(effect, site, name or "", values or {}, inputs or {}, input_units or {})]
+    )
 
 
 def attach_all(
@@ -352,21 +356,21 @@ class _Assembly:
         for name in member.effect.inputs:
             wanted = placement.inputs.get(name, f"{member.name}_{name}")
             known = [x.name for x in self.inputs]
+            own = next(x for x in member.model.unknowns if x.name == name)
             if wanted not in known:
-                self._new_input(wanted, member, name)
-            symbol = self.u[[x.name for x in self.inputs].index(wanted)]
-            self._connect(wanted, symbol, f"{member.name}.{name}", member.symbols[name])
+                self._new_input(wanted, replace(own, unit=placement.unit_of(name, own.unit)))
+            at = [x.name for x in self.inputs].index(wanted)
+            text, symbol = _converted(wanted, self.u[at], supplied(self.inputs[at].unit, own.unit))
+            self._connect(text, symbol, f"{member.name}.{name}", member.symbols[name])
 
-    def _new_input(self, wanted: str, member: _Member, name: str) -> None:
+    def _new_input(self, wanted: str, own: Variable) -> None:
         if wanted in self._names:
             raise ModelError(
                 "effect-name",
                 f"the input `{wanted}` cannot be added: the model has a `{wanted}` already",
                 remedy="Choose another name for the input.",
             )
-        own = next(x for x in member.model.unknowns if x.name == name)
-        start = own.start_or_zero
-        self.inputs.append(replace(own, name=wanted, start=start, place=None))
+        self.inputs.append(replace(own, name=wanted, start=own.start_or_zero, place=None))
         self.u.append(ca.SX.sym(wanted))
         self._names.add(wanted)
 
@@ -708,6 +712,11 @@ class _Assembly:
             if equation.kind == "component":
                 text = equation.text.replace(f"{equation.origin}.", OWN)
                 self._laws.setdefault(equation.origin, []).append(text)
+
+
+def supplied(unit: str, wanted: str) -> Conversion:
+    """What makes of an input in a `unit` a signal in the `wanted` one; nothing where either is not known."""
+    return conversion(unit, wanted) if unit and wanted and is_of(unit, wanted) else Conversion()
 
 
 def check_values(effect: Effect, values: Mapping[str, float]) -> None:

@@ -542,6 +542,7 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
     signals = source.entry("attach") in _SIGNALS
     _check_connectors(source, list(connectors))
     parameters = tuple(_parameter(p, source) for p in model.parameters)
+    units = {x.name: x.unit for x in model.unknowns}
     effect = Effect(
         name=source.head.name.rpartition(".")[2],
         class_name=source.head.name,
@@ -555,6 +556,7 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
         n_states=_own_states(model, parameters, _signals(source)),
         has_support=across is not None,
         inputs=tuple(source.entry("inputs") or ()),
+        input_units=tuple(units.get(name, "") for name in source.entry("inputs") or ()),
         outside=source.entry("outside") or "",
         sum_of=tuple(source.entry("sum_of") or ()),
         grounded=source.entry("grounded") or "",

@@ -24,6 +24,7 @@ from daest.modelica.effects.attach import (
     given_source,
     names_of,
     one_by_one,
+    supplied,
 )
 from daest.modelica.effects.catalogue import effect_model
 from daest.modelica.effects.opened import (
@@ -62,7 +63,7 @@ from daest.modelica.language.outline import (
 )
 from daest.modelica.language.source import read_source, select_class
 from daest.modelica.language.text import number_text, times_text
-from daest.modelica.places.balances import balances
+from daest.modelica.places.balances import balances, converted_text
 from daest.modelica.places.internal_forces import internal_forces
 from daest.modelica.places.joints import joint, needs_joint
 from daest.modelica.places.meshes import meshes
@@ -188,6 +189,7 @@ def extend_model(
     new_name: str | None = None,
     *,
     inputs: Mapping[str, str] | None = None,
+    input_units: Mapping[str, str] | None = None,
     parameters: Mapping[str, float] | None = None,
     held: Collection[str] = (),
     libraries: Sequence[str | Path] = (),
@@ -195,11 +197,11 @@ def extend_model(
 ) -> Extension:
     """The model with `effect` at `site`, as Modelica that extends it and compiles.
 
-    `name`, `values` and `inputs` are as in `attach`; `parameters` are new values of the model's own
-    parameters; those of the effect that are `held` are final, and so not estimated; `new_name` is the name of
-    the new class (default: MODEL_EFFECT, numbered if taken); `target` is the file that the text is meant for.
-    The equations are those of `attach`. Raises ModelError as
-    `attach` does, and `effect-input-used` or `effect-not-writable` where Modelica cannot express it.
+    `name`, `values` and `inputs` are as in `attach`, `input_units` as in `Placement`; `parameters` are new
+    values of the model's own parameters; those of the effect that are `held` are final, and so not estimated;
+    `new_name` is the name of the new class (default: MODEL_EFFECT, numbered if taken); `target` is the file
+    that the text is meant for. The equations are those of `attach`. Raises ModelError as `attach` does, and
+    `effect-input-used` or `effect-not-writable` where Modelica cannot express it.
 
         >>> daest.extend_model("Servo.mo", None, effect, site).class_name
         'Servo_CoulombFriction'
@@ -208,7 +210,7 @@ def extend_model(
     flat = original.flat
     attach(flat, effect, site, name, values, inputs)  # for its checks
     component = name or component_name(effect, names_of(flat))
-    placement = Placement(effect, site, component, values or {}, inputs or {})
+    placement = Placement(effect, site, component, values or {}, inputs or {}, input_units or {})
     draft = _Draft(*_changes(parameters or {}, original))
     units = units_at(flat, effect, site, inputs=placement.inputs)
     for one in one_by_one(placement, names_of(flat)):
@@ -519,16 +521,21 @@ def _array(name: str, values: Sequence[float]) -> str:
 
 def _supply(draft: _Draft, placement: Placement, flat: FlatModel) -> None:
     """Inputs of the new model for the effect's signals, where the model has none of that name."""
-    known = set(flat.input_names)
+    known = {x.name: x.unit for x in flat.inputs}
     signals = {x.name: x for x in effect_model(placement.effect).unknowns}
     for name in placement.effect.inputs:
         wanted = placement.inputs.get(name, f"{placement.name}_{name}")
+        signal = signals[name]
         if wanted not in known:
-            signal = signals[name]
-            unit = f'unit = "{signal.unit}", ' if signal.unit else ""
+            known[wanted] = placement.unit_of(name, signal.unit)
+            unit = f'unit = "{known[wanted]}", ' if known[wanted] else ""
             about = _quoted(signal.description)
             draft.declarations.append(f'{_INPUT} {wanted}({unit}start = 0) "{about}";')
-        draft.connect(wanted, f"{placement.name}.{name}")
+        change = supplied(known[wanted], signal.unit)
+        if change.is_identity:
+            draft.connect(wanted, f"{placement.name}.{name}")
+        else:
+            draft.equations.append(f"{placement.name}.{name} = {converted_text(wanted, change)};")
 
 
 def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Original:
