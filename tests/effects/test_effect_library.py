@@ -33,7 +33,7 @@ MECHANICAL = frozenset(
         *("CoulombFriction", "ViscousFriction", "StribeckFriction", "AsymmetricFriction", "LuGreFriction"),
         *("LoadDependentFriction", "QuadraticDrag", "ConstantLoad", "AsymmetricDamper"),
         *("HardeningSpring", "HystereticSpring", "BoucWenSpring", "Backlash", "ExtraCompliance", "EndStop"),
-        *("FlexibleAppendage", "CubicSpring", "ReturnSpring"),
+        *("FlexibleAppendage", "CubicSpring", "ReturnSpring", "RelaxingSpring"),
     )
 )
 EXPECTED = {
@@ -150,7 +150,7 @@ def test_models_are_open_by_their_connectors_alone(effect) -> None:
 def test_states_and_dynamics() -> None:
     found = {effect.class_name.removeprefix("Daest.Effects."): effect for effect in EFFECTS}
     states = {name: effect.n_states for name, effect in found.items() if effect.n_states}
-    one = ["LuGreFriction", "HystereticSpring", "BoucWenSpring"]
+    one = ["LuGreFriction", "HystereticSpring", "BoucWenSpring", "RelaxingSpring"]
     expected = {f"{domain}.{name}": 1 for domain in ("Rotational", "Translational") for name in one}
     expected |= dict.fromkeys(("Electrical.Inductance", "Electrical.SaturatingInductance", "Signals.Lag"), 1)
     expected |= {"Hydraulic.FluidInertia": 1}

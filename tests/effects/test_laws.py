@@ -66,6 +66,7 @@ MECHANICAL: dict[str, Law] = {
     "LuGreFriction": lambda v: -v["tau_c"] * v["z"],
     "HystereticSpring": lambda v: v["tau_h"] * v["z"],
     "BoucWenSpring": lambda v: v["tau_h"] * v["z"],
+    "RelaxingSpring": lambda v: v["c"] * v["x"],
 }
 OTHERS: dict[str, tuple[str, Law]] = {
     "Unbalance": ("tau", lambda v: -v["mgr"] * np.sin(v["phi"] + v["phi_0"])),
