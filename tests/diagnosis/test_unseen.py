@@ -19,6 +19,7 @@ from daest.diagnosis.evidence.unseen import (
     compared,
     confirmed,
     foreseen,
+    foretold_drift,
     is_better,
     is_silent,
     is_worse,
@@ -31,6 +32,7 @@ from daest.diagnosis.screening.screen import run_null
 from daest.estimation.fitting.coordinates import Unknowns
 from daest.estimation.fitting.records import part_of
 from daest.estimation.nonlinear.nonlinear_start import fit_initial_states
+from daest.estimation.nonlinear.observer import AverageModel
 from daest.estimation.nonlinear.trajectories import TrajectoryProblem
 from daest.model.diagnosis import Ahead, Confirmed, Load
 from daest.model.experiment import Experiment
@@ -134,6 +136,28 @@ def test_unseen_data_must_be_foreseen_as_well_at_all_horizons_and_better_at_one(
 def test_dead_reckoning_is_no_excuse_where_the_model_had_followed_the_machine(percent, whole, is_refused):
     found, _, _ = judged([ahead(0.8, 5.0)], fit_with(1.0, percent), fit_with(whole), True)
     assert ("3 times worse" in found) == is_refused == bool(found)
+
+
+def test_simulation_may_stray_as_far_as_its_own_noises_foretell():
+    """The one without the law may have come as near as it did by chance."""
+    before, after = fit_with(1.0, 99.0), fit_with(3.0)
+    found = [judged([ahead(0.8, 5.0)], before, after, True, drift={"y": d})[0] for d in (2.0, 1.0)]
+    assert found[0] == "" and "3 times worse" in found[1]
+
+
+def test_drift_of_a_free_body_is_that_of_its_noise():
+    """A position whose acceleration is white noise of intensity W has the variance W*t^3/3, which is W*T^3/12
+    over a time T."""
+    intensity, last = 0.3, 40.0
+    average = AverageModel(np.eye(2, k=1), np.array([[0.0], [1.0]]), np.eye(1, 2), period=0.01)
+    null = SimpleNamespace(
+        intensity=np.array([intensity]), flat=SimpleNamespace(output_names=("y",)), experiments=()
+    )
+    run = SimpleNamespace(average=average, null=null, root=np.eye(1))
+    time = np.array([0.0, last])
+    experiment = Experiment("run", time, np.zeros((2, 0)), np.zeros((2, 1)), (), ("y",))
+    found = foretold_drift(run, [experiment])
+    assert found == {"y": pytest.approx(np.sqrt(intensity * last**3 / 12.0), rel=0.01)}
 
 
 @pytest.mark.parametrize(

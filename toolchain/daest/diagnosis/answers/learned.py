@@ -19,7 +19,7 @@ from daest.diagnosis.built_in.settled import FAILURES, better_of, fit_by_simulat
 from daest.diagnosis.comparison.compare import compare_models
 from daest.diagnosis.comparison.trial import Candidate as Trialled
 from daest.diagnosis.evidence.proof import Reference
-from daest.diagnosis.evidence.unseen import compared, foreseen, judged
+from daest.diagnosis.evidence.unseen import compared, foreseen, foretold_drift, judged
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, period_of, refit
 from daest.diagnosis.screening.free_forms import TURN, internal_variables
@@ -91,12 +91,20 @@ def learned_load(
     if found_settled is not None:
         white, observer = found_settled
         ahead = compared(reference.foreseen, foreseen(observer, validation), period_of(null.experiments))
-        told = white
-        if not reference.adds_up:
+        told, drift = white, None
+        if reference.adds_up:
+            drift = foretold_drift(observer, validation)
+        else:
             told = better_of(white, fit_by_simulation(null, white, flat, null.experiments, validation))
         clock = clock_unit(null.flat)
         against, _, _ = judged(
-            ahead, reference.fit, told, reference.adds_up, holding=reference.holding, clock=clock
+            ahead,
+            reference.fit,
+            told,
+            reference.adds_up,
+            holding=reference.holding,
+            clock=clock,
+            drift=drift,
         )
         own = [p.name for p in told.parameters if p.name not in null.estimated]
         curve = _of_fit(curve, own, told)

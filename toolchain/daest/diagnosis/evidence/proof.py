@@ -50,6 +50,7 @@ from daest.diagnosis.evidence.unseen import (
     compared,
     confirmed,
     foreseen,
+    foretold_drift,
     innovations,
     is_worse,
     judged,
@@ -421,8 +422,9 @@ class _Judge:
         else:
             alone = fit_by_simulation(null, white, flat, null.experiments, validation, refit)
             final = better_of(white, alone)
+        drift = foretold_drift(observer, validation) if reference.adds_up else None
         against, _, is_told = against_by(
-            ahead, reference.fit, final, reference.adds_up, told, holding=reference.holding
+            ahead, reference.fit, final, reference.adds_up, told, holding=reference.holding, drift=drift
         )
         if against and not reference.adds_up and not any(is_worse(one) for one in ahead):
             steady = _steady_ratio(null, flat, explicit, final, validation, reference)

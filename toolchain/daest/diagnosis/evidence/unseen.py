@@ -9,7 +9,7 @@ reached tells nothing of the rest of the record.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -21,10 +21,11 @@ from daest.diagnosis.null_model.null import with_noise
 from daest.diagnosis.screening.screen import ATOL_OF_SCALE, RTOL, NullObserver, run_null
 from daest.errors import DaestError
 from daest.estimation.fitting.records import longest_duration
-from daest.estimation.nonlinear.observer import observer
+from daest.estimation.nonlinear.observer import observer, sampled_average
 from daest.model.diagnosis import Ahead, Confirmed
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios, follows_all
+from daest.numerics.tables import turned
 from daest.quantities import spoken_duration
 from daest.systems.events.integration import Correction, IntegrationError
 from daest.systems.simulation.integrate import Integrator, integrate, integrator
@@ -34,6 +35,7 @@ LONGEST = 0.1  # of the shortest recording
 TAKES_UP = 20  # samples for which the observer follows the data before it is left alone again
 UNSEEN = 1e-9  # share of a direction that is new to the outputs, below which it is rounding
 FEWEST_STRETCHES = 5
+DRIFT_STEPS = 200  # in which a covariance is followed over a recording
 CORRECTED = (0.03, 0.1, 0.3)  # of an innovation, by observers that follow more closely than the fit asks for
 LOUDER = 10.0 ** np.arange(-12, 13)  # times the loads of the fit
 SIMULATED_WORSE = "the simulation of unseen data gets"
@@ -285,6 +287,7 @@ def judged(
     steady: float | None = None,
     holding: Sequence[str] = (),
     clock: str = "s",
+    drift: Mapping[str, float] | None = None,
 ) -> tuple[str, bool, bool]:
     """Why unseen data speak against the effect (empty where they do not), whether they speak clearly for it,
     and whether it does away with most of the error at some horizon. `adds_up` tells that the whole
@@ -295,7 +298,8 @@ def judged(
     recordings as much, and the likelihood of unseen data does not deny it. Errors of the outputs `holding` do
     not add up where others do: no effect may simulate one of them clearly worse, where the simulation stays
     near enough to what was measured for its initial states to be those of the machine. `clock` is what the
-    model counts time in."""
+    model counts time in, `drift` the `foretold_drift` of the model with the law: a simulation that strays no
+    further does not contradict it, as near as one without the law may have come by chance."""
     ratios = error_ratios(before.simulated, after.simulated)
     whole = _together(ratios)
     told = told or Confirmed()
@@ -318,7 +322,9 @@ def judged(
         over = spoken_duration(one.seconds, clock)
         return f"unseen data are foreseen {one.ratio:.3g} times worse over {over}", False, False
     most = 1.0 + (GATES.max_simulated_loss if speaks else GATES.same_unseen_error)
-    has_held = whole > GATES.max_followed_ratio and _is_followed(before)
+    has_held = (
+        whole > GATES.max_followed_ratio and _is_followed(before) and not _strays_as_foretold(after, drift)
+    )
     if ratios and whole > most and not (adds_up and is_clear and not has_held):
         return f"{SIMULATED_WORSE} {whole:.3g} times worse", False, False
     lost = max(held, default=(0.0, ""))
@@ -327,6 +333,36 @@ def judged(
     if not is_clear:
         return "unseen data are foreseen no better", False, False
     return "", True, min(best, whole if whole == whole else 1.0) < GATES.max_most_ratio
+
+
+def foretold_drift(run: NullObserver, experiments: Sequence[Experiment]) -> dict[str, float]:
+    """The error (rms) of a simulation of the longest experiment, by output, that the intensities of the
+    model's own noises foretell where its initial states are known: their covariance along its average
+    linearisation, dP/dt = A P + P A' + G Q G'. Empty where that is not finite."""
+    null = run.null
+    period = longest_duration(experiments) / DRIFT_STEPS
+    std = np.sqrt(np.diag(np.linalg.inv(run.root.T @ run.root)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        sampled = sampled_average(replace(run.average, period=period), null.intensity, std)
+        cov, variances = np.zeros_like(sampled.process_cov), []
+        for _ in range(DRIFT_STEPS):
+            cov = sampled.transition @ cov @ turned(sampled.transition) + sampled.process_cov
+            variances.append(np.diag(sampled.output @ cov @ turned(sampled.output)))
+        found = np.sqrt(np.mean(variances, axis=0))
+    return (
+        dict(zip(null.flat.output_names, found.tolist(), strict=True)) if np.all(np.isfinite(found)) else {}
+    )
+
+
+def _strays_as_foretold(fit: FitResult, drift: Mapping[str, float] | None) -> bool:
+    """Whether a simulation of unseen data is no further off, in any output, than its own noises make it."""
+    unseen = fit.simulated.get("validation")
+    if not drift or unseen is None:
+        return False
+    return all(
+        error is not None and error <= GATES.max_foretold_ratio * drift[name]
+        for name, error in unseen.rms.items()
+    )
 
 
 def _together(ratios: Sequence[float]) -> float:
