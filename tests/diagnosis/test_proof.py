@@ -973,7 +973,12 @@ def test_flexible_part_that_says_no_more_than_a_refused_lag_is_refused(ahead, ve
     _, friction = proved()
     flexible = pairs(some_effects("FlexibleAppendage"), sites(model()))[0]
     lag = replace(friction, verdict="rejected", reason="it is short", **{why: True})
-    rich = replace(friction, candidate=flexible, delta_bic=lag.delta_bic + ahead)
+    rich = replace(
+        friction,
+        candidate=flexible,
+        delta_bic=lag.delta_bic + ahead,
+        delta_log_likelihood=friction.delta_log_likelihood * (1.0 + ahead),
+    )
     found = next(p for p in ranked([rich, lag]) if p.candidate is flexible)
     assert found.verdict == verdict
     assert not found.reason or found.reason == (
@@ -985,6 +990,36 @@ def test_flexible_part_that_says_no_more_than_a_refused_lag_is_refused(ahead, ve
     assert late.verdict == verdict
     same = replace(rich, candidate=friction.candidate)
     assert any(p.verdict == "supported" for p in ranked([same, lag]))
+
+
+@pytest.mark.parametrize(
+    ("share", "nearer", "why", "verdict"),
+    [
+        (0.9, 1.0, "is_any_dynamics", "rejected"),
+        (0.7, 1.0, "is_any_dynamics", "supported"),
+        (0.9, 0.7, "is_any_dynamics", "supported"),
+        (0.9, 1.0, "comes_near", "supported"),
+    ],
+)
+def test_flexible_part_that_gains_little_beyond_a_short_lag_is_refused(share, nearer, why, verdict):
+    """A belt that creeps was a part that swings on the motor, though a lag of the table simulates as well."""
+    _, friction = proved()
+    flexible = pairs(some_effects("FlexibleAppendage"), sites(model()))[0]
+    gain = friction.delta_log_likelihood
+    lag = replace(friction, verdict="rejected", reason="it is short", **{why: True})
+    known = friction.told.simulated["validation"]
+    simulated = {"validation": replace(known, rms={y: nearer * e for y, e in known.rms.items()})}
+    rich = replace(
+        friction,
+        candidate=flexible,
+        delta_bic=lag.delta_bic + 30.0,
+        delta_log_likelihood=gain / share,
+        final=replace(friction.told, simulated=simulated),
+    )
+    found = next(p for p in ranked([rich, lag]) if p.candidate is flexible)
+    assert found.verdict == verdict
+    much = "says nearly as much with fewer parameters"
+    assert not found.reason or found.reason == f"{lag.candidate.label} {much}, but it is short"
 
 
 @pytest.mark.parametrize(("ahead", "verdict"), [(0.0, "rejected"), (20.0, "supported")])

@@ -23,6 +23,7 @@ from daest.diagnosis.refits.rivals import (
     no_richer_ones,
     not_begun_by,
     other_forms,
+    own_law_elsewhere,
     reduced_laws,
     richer_laws,
     rounded,
@@ -106,6 +107,36 @@ def test_a_plainer_law_at_the_place_of_one_with_a_shape_is_tried():
     assert laws_at_its_place(best, unseen, [best]) == ()
     # What has no shape has bent to nothing.
     assert laws_at_its_place(replace(proof, explained=1.0), screen, [proof]) == ()
+
+
+def test_the_law_of_the_best_one_is_tried_at_other_places_that_do_much_the_same():
+    """A motor that cogs before a shaft was a drum that does behind it, since the screen saw more of that."""
+    _, _, proof = proved("CoulombFriction")
+    entries = [
+        Screened(candidate, 9.0 - i, (0.1,), 0.01, False, 1.0)
+        for i, candidate in enumerate(pairs(some_effects("CoulombFriction", "QuadraticDrag"), sites(model())))
+    ]
+    own = next(e.candidate for e in entries if e.candidate.effect.name == "CoulombFriction")
+    best = replace(proof, candidate=own, explained=0.87, equivalent=())
+    others = {
+        e.candidate.site.name
+        for e in entries
+        if e.candidate.effect.class_name == own.effect.class_name and e.candidate.site != own.site
+    }
+    alike = np.full((len(entries), len(entries)), 0.8) + 0.2 * np.eye(len(entries))
+    seen = SimpleNamespace(entries=entries, correlation=alike)
+    found = own_law_elsewhere(best, seen, [best])
+    assert found and {t.candidate.effect.class_name for t in found} == {own.effect.class_name}
+    assert {t.candidate.site.name for t in found} <= others
+    tried = [best, *(replace(proof, candidate=t.candidate) for t in found)]
+    again = own_law_elsewhere(best, seen, tried)
+    assert not {t.candidate.site.name for t in again} & {t.candidate.site.name for t in found}
+    assert own_law_elsewhere(replace(best, explained=0.96), seen, [best]) == ()
+    assert own_law_elsewhere(replace(best, equivalent=tuple(others)), seen, [best]) == ()
+    apart = SimpleNamespace(entries=entries, correlation=np.eye(len(entries)))
+    assert own_law_elsewhere(best, apart, [best]) == ()
+    unseen = SimpleNamespace(entries=[replace(e, p_value=0.5) for e in entries], correlation=alike)
+    assert own_law_elsewhere(best, unseen, [best]) == ()
 
 
 def test_laws_with_shapes_are_tried_at_the_place_of_one_whose_errors_last():

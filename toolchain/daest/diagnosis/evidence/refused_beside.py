@@ -23,7 +23,8 @@ def refuse(proof: Proof, reason: str) -> Proof:
 def without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
     """Laws with states are refused that say no more than a simpler lag or delay which is too short to be told
     from others, or only comes near: a flexible part with three parameters imitates the lag of a sensor; and
-    any law that says less than such a one with no more parameters. So is a lag with which unseen data are
+    any law that says less than such a one with no more parameters; one with states and more parameters also
+    where it says a little more, and unseen data are simulated alike. So is a lag with which unseen data are
     simulated far worse than with another one that is too short: a part that swings is neither. And a law with
     states of a signal that says no more than a lag there whose time nobody knows: a limit of its rate."""
     lags, result = [p for p in proofs if p.is_any_dynamics or p.comes_near], []
@@ -33,11 +34,14 @@ def without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
         imitated = (*lags, *there) if proof.candidate.effect.n_states else lags
         simpler = [p for p in imitated if is_simpler(p.candidate, proof.candidate)]
         more = GATES.same_bic if proof.candidate.effect.n_states else -GATES.same_bic
-        same = next((p for p in simpler if proof.delta_bic <= p.delta_bic + more), None)
+        same = next(
+            (p for p in simpler if proof.delta_bic <= p.delta_bic + more or _comes_as_near(p, proof)), None
+        )
         if proof.verdict != "rejected" and same is not None:
             fewer = len(same.candidate.estimated) < len(proof.candidate.estimated)
             how = " with fewer parameters" if fewer else ""
             much = "as much" if more > 0.0 else "more"
+            much = much if proof.delta_bic <= same.delta_bic + more else "nearly as much"
             reason = f"{same.candidate.label} says {much}{how}, but {same.reason}"
             is_such = same.is_any_dynamics and not fewer and abs(proof.delta_bic - same.delta_bic) <= more
             proof = replace(proof, verdict="rejected", reason=reason, is_any_dynamics=is_such)
@@ -47,6 +51,18 @@ def without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
             proof = refuse(proof, reason)
         result.append(proof)
     return result
+
+
+def _comes_as_near(lag: Proof, law: Proof) -> bool:
+    """Whether a law of a place, with states and more parameters, gains little beyond a lag that is too short
+    to be told from others, and simulates no output of unseen data clearly better: with three parameters a
+    part that swings takes a little of what the lag leaves, too."""
+    if law.candidate.is_of_signal or not law.candidate.effect.n_states or not lag.is_any_dynamics:
+        return False
+    is_near = lag.delta_log_likelihood >= GATES.min_imitated_gain * law.delta_log_likelihood
+    ratios = error_ratios(lag.told.simulated, law.told.simulated)
+    is_alike = bool(ratios) and min(ratios) >= GATES.max_rival_error
+    return is_near and is_alike and len(lag.candidate.estimated) < len(law.candidate.estimated)
 
 
 def without_outrun(proofs: Sequence[Proof]) -> list[Proof]:

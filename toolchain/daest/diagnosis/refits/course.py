@@ -50,6 +50,7 @@ from daest.diagnosis.refits.rivals import (
     no_richer_ones,
     not_begun_by,
     other_forms,
+    own_law_elsewhere,
     reduced_laws,
     richer_laws,
     rounded,
@@ -214,8 +215,8 @@ class Course:
 
     def _with_simpler_laws(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with parts of the most likely one where that is refused, and with those that bend a
-        signal as the accepted one does, plainer ones at its place, or without shapes of a refused one that
-        the data do not show."""
+        signal as the accepted one does, plainer ones at its place, its own law at others, or without shapes
+        of a refused one that the data do not show."""
         found = self.screens[0]
         best = most_likely(proofs)
         if best is not None and best.verdict == "rejected":
@@ -225,6 +226,8 @@ class Course:
         if best is not None:
             others = signal_laws(best, found, proofs) + laws_at_its_place(best, found, proofs)
             proofs += stages.proved(stages.prepared(others), ())[0]
+            elsewhere = own_law_elsewhere(best, found, proofs)
+            proofs += stages.proved(stages.prepared(elsewhere), proofs)[0]
             again = stages.proved(stages.prepared(from_other_sizes(best, found, proofs)), ())[0]
             return _with_second_tries(proofs, again)
         held = with_held_shapes(self.stand.null, proofs)
