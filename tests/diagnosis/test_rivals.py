@@ -113,7 +113,7 @@ def test_the_law_of_the_best_one_is_tried_at_other_places_that_do_much_the_same(
     """A motor that cogs before a shaft was a drum that does behind it, since the screen saw more of that."""
     _, _, proof = proved("CoulombFriction")
     entries = [
-        Screened(candidate, 9.0 - i, (0.1,), 0.01, False, 1.0)
+        Screened(candidate, 9.0 - 0.1 * i, (0.1,), 0.01, False, 1.0)
         for i, candidate in enumerate(pairs(some_effects("CoulombFriction", "QuadraticDrag"), sites(model())))
     ]
     own = next(e.candidate for e in entries if e.candidate.effect.name == "CoulombFriction")
@@ -123,8 +123,8 @@ def test_the_law_of_the_best_one_is_tried_at_other_places_that_do_much_the_same(
         for e in entries
         if e.candidate.effect.class_name == own.effect.class_name and e.candidate.site != own.site
     }
-    alike = np.full((len(entries), len(entries)), 0.8) + 0.2 * np.eye(len(entries))
-    seen = SimpleNamespace(entries=entries, correlation=alike)
+    apart = np.eye(len(entries))
+    seen = SimpleNamespace(entries=entries, correlation=apart)
     found = own_law_elsewhere(best, seen, [best])
     assert found and {t.candidate.effect.class_name for t in found} == {own.effect.class_name}
     assert {t.candidate.site.name for t in found} <= others
@@ -133,10 +133,10 @@ def test_the_law_of_the_best_one_is_tried_at_other_places_that_do_much_the_same(
     assert not {t.candidate.site.name for t in again} & {t.candidate.site.name for t in found}
     assert own_law_elsewhere(replace(best, explained=0.96), seen, [best]) == ()
     assert own_law_elsewhere(replace(best, equivalent=tuple(others)), seen, [best]) == ()
-    apart = SimpleNamespace(entries=entries, correlation=np.eye(len(entries)))
-    assert own_law_elsewhere(best, apart, [best]) == ()
-    unseen = SimpleNamespace(entries=[replace(e, p_value=0.5) for e in entries], correlation=alike)
+    unseen = SimpleNamespace(entries=[replace(e, p_value=0.5) for e in entries], correlation=apart)
     assert own_law_elsewhere(best, unseen, [best]) == ()
+    weak = [e if e.candidate is own else replace(e, score=0.4 * entries[0].score) for e in entries]
+    assert own_law_elsewhere(best, SimpleNamespace(entries=weak, correlation=apart), [best]) == ()
 
 
 def test_laws_with_shapes_are_tried_at_the_place_of_one_whose_errors_last():

@@ -674,31 +674,24 @@ def laws_at_its_place(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tu
 
 
 def own_law_elsewhere(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
-    """The law of the accepted `best` at other places that show in the screen and were not tried, where it
-    leaves a part of the loads and its response is somewhat like theirs. A motor that cogs before a shaft is
-    much like a drum that does behind it, to a screen that scores both beside loads. Laws of signals have
-    `signal_laws`."""
+    """The law of the accepted `best` at other places that were not tried, where it leaves a part of the loads
+    and the screen foresees a good part of the gain there that it does here. A motor that cogs before a shaft
+    is much like a drum that does behind it, to a screen that scores both beside loads, and how often it does
+    in a turn it has tried at a few numbers alone. Laws of signals have `signal_laws`."""
     own = best.candidate
     if own.is_of_signal or own.is_of_parameter or best.explained >= GATES.all_explained:
         return ()
+    scores = {entry.candidate.name: entry.score for entry in screen.entries}
     known = {p.candidate.site.name for p in tried if p.candidate.effect.class_name == own.effect.class_name}
-    known |= {best.candidate.site.name, *best.equivalent}
+    known |= {own.site.name, *best.equivalent}
     found = [
         trial
         for trial in trials(screen, GATES.screen_level, len(screen.entries))
         if trial.candidate.effect.class_name == own.effect.class_name
         and not known & {place.site.name for place in (trial.candidate, *trial.alike)}
-        and _correlation(screen, own, trial.candidate) ** 2 >= GATES.min_alike_response
+        and trial.promised >= GATES.min_elsewhere * 0.5 * scores.get(own.name, 0.0) ** 2
     ]
     return tuple(found[:MOST_SIMPLER])
-
-
-def _correlation(screen: Screen, one: Candidate, other: Candidate) -> float:
-    """That of the responses of two candidates; 0 where the screen has not scored both."""
-    names = [entry.candidate.name for entry in screen.entries]
-    if not {one.name, other.name} <= set(names):
-        return 0.0
-    return float(screen.correlation[names.index(one.name), names.index(other.name)])
 
 
 def _is_kinked(one: Candidate) -> bool:
@@ -707,9 +700,11 @@ def _is_kinked(one: Candidate) -> bool:
 
 def _is_alike(one: Candidate, own: Candidate, screen: Screen) -> bool:
     """Whether a law has no more parameters than `own` and a response like that, rounded as in the screen."""
-    if one.n_unknowns > own.n_unknowns:
+    names = [entry.candidate.name for entry in screen.entries]
+    if own.name not in names or one.n_unknowns > own.n_unknowns:
         return False
-    return _correlation(screen, own, one) ** 2 >= GATES.min_rounded_response
+    correlation = screen.correlation[names.index(own.name), names.index(one.name)]
+    return bool(correlation**2 >= GATES.min_rounded_response)
 
 
 def _has_shapes(one: Candidate) -> bool:
