@@ -225,9 +225,8 @@ class Course:
         best = best_accepted(ranked(proofs))
         if best is not None:
             others = signal_laws(best, found, proofs) + laws_at_its_place(best, found, proofs)
+            others += own_law_elsewhere(best, found, proofs)
             proofs += stages.proved(stages.prepared(others), ())[0]
-            elsewhere = own_law_elsewhere(best, found, proofs)
-            proofs += stages.proved(stages.prepared(elsewhere), proofs)[0]
             again = stages.proved(stages.prepared(from_other_sizes(best, found, proofs)), ())[0]
             return _with_second_tries(proofs, again)
         held = with_held_shapes(self.stand.null, proofs)
