@@ -100,10 +100,43 @@ class Beside:
 
     def integrals(self) -> TransitionIntegrals:
         """As `transition_integrals`, every field (k, n, n)."""
-        return self._unpacked(self._summed(self._whole @ self._terms))
+        return self._unpacked(self._summed(self._rows))
 
     def derivatives(self, dA: np.ndarray) -> TransitionIntegrals:
         """As `transition_integral_derivatives` for dA (p, n, n), every field (k, p, n, n)."""
+        return self._unpacked(self._summed(self._row_derivatives(dA)))
+
+    @property
+    def powers(self) -> np.ndarray:
+        """δ^j (k, terms) by which the `rows` of every period are summed up."""
+        return self._powers
+
+    @property
+    def weights(self) -> np.ndarray:
+        """By what the integrals of the `rows` are multiplied at every period, (k, count)."""
+        p = np.arange(self.count)
+        factorials = np.array([math.factorial(one) for one in p], dtype=float)
+        return np.asarray(self.period * factorials / self.relative[:, None] ** p)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """The terms of Φ and its integrals beside each other, in the units of A: shape (terms, n, (1 + count)
+        n)."""
+        return self._rows * self._units
+
+    def row_derivatives(self, dA: np.ndarray) -> np.ndarray:
+        """Those of `rows` in the directions dA (p, n, n), (terms, p, n, (1 + count) n)."""
+        return self._row_derivatives(dA) * self._units
+
+    @property
+    def _units(self) -> np.ndarray:
+        return self.size[:, None] / np.tile(self.size, self.count + 1)
+
+    @cached_property
+    def _rows(self) -> np.ndarray:
+        return np.asarray(self._whole @ self._terms)
+
+    def _row_derivatives(self, dA: np.ndarray) -> np.ndarray:
         moved = dA * self.size / self.size[:, None] * self.period
         parts = _doubled_derivatives(self.A, moved, 1.0, self.count)
         row = [part / math.factorial(max(p - 1, 0)) for p, part in enumerate(parts)]
@@ -113,7 +146,7 @@ class Beside:
             change = changes[-1] @ self._block
             change[..., :n] += term[:, :n] @ moved
             changes.append(change / j)
-        return self._unpacked(self._summed(np.array(changes)))
+        return np.array(changes)
 
     def covariances(self, Q: np.ndarray) -> np.ndarray:
         """`covariance_integral` of Q (n, n) over every period, (k, n, n): what the middle one has, and what
@@ -191,7 +224,7 @@ class Beside:
 
     @cached_property
     def _powers(self) -> np.ndarray:
-        return np.asarray((self.relative - 1.0)[:, None] ** np.arange(len(self._terms)))
+        return np.vander(self.relative - 1.0, len(self._terms), increasing=True)
 
     def _unpacked(self, top: np.ndarray) -> TransitionIntegrals:
         """Of rows of blocks (k, ..., n, m) in units of the middle period."""

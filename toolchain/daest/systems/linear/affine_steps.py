@@ -79,6 +79,11 @@ class AffineSteps:
             drive = drive + known[:-1] @ turned(self.integrals.transition @ gain.gain)
         return linear_recursion(self._closed(gain), drive, x0)
 
+    @staticmethod
+    def at_samples(states: np.ndarray) -> np.ndarray:
+        """The same states: every step leads from a sample to the next."""
+        return states
+
     def outputs(self, states: np.ndarray, inputs: DrivenBy) -> np.ndarray:
         """(n_samples, n_y) of states (n_samples, n)."""
         ss = self.matrices

@@ -50,9 +50,10 @@ from daest.systems.events.integration import (
     Trajectory,
     are_alike,
 )
-from daest.systems.linear.affine_steps import DrivenBy, Gain, affine_steps
+from daest.systems.linear.affine_steps import AffineSteps, DrivenBy, Gain, affine_steps
 from daest.systems.linear.linearize import has_affine_dynamics
 from daest.systems.linear.state_space import family_without_variables, stacked_inputs
+from daest.systems.linear.uneven_steps import UnevenSteps, uneven_steps
 from daest.systems.reduction.input_slopes import refuse_derivatives
 from daest.systems.simulation.chain_runs import RunsBesideChain, have_driven_chain
 from daest.systems.simulation.driven_chain import DrivenChain, driven_chain, rest_functions
@@ -170,9 +171,8 @@ class AffineIntegrator(ExactIntegrator):
     family: StateSpaceFamily
 
     def trajectory(self, run: Run) -> Trajectory:
-        if not _has_exact_steps(run):
-            return self.stepped.trajectory(run)
-        return _run_exactly(self, run)
+        steps = _exact_steps(self, run) if _has_exact_steps(run) else None
+        return self.stepped.trajectory(run) if steps is None else _run_exactly(steps, run)
 
     def method(self, rtol: float, hold: Hold) -> str:
         return f"exact steps of an affine model, {hold}"
@@ -801,13 +801,14 @@ def _watched(
 
 
 def _has_exact_steps(run: Run) -> bool:
-    """Whether all intervals are of one length, and one gain corrects samples of which no value is missing."""
+    """Whether one gain corrects samples of which no value is missing; inputs that bend do so over intervals
+    of one length."""
     if run.time.size < 2 or run.x0.size == 0:
         return False
     is_gapless = run.correction is None or (
         run.correction.gain.ndim == 2 and bool(np.all(np.isfinite(run.correction.measurements)))
     )
-    return is_gapless and _has_equal_steps(run.time)
+    return is_gapless and (run.bent is None or _has_equal_steps(run.time))
 
 
 def _has_equal_steps(time: np.ndarray) -> bool:
@@ -817,19 +818,26 @@ def _has_equal_steps(time: np.ndarray) -> bool:
     return bool(np.ptp(intervals) <= SOLVER.equal_steps * intervals.mean())
 
 
-def _run_exactly(model: AffineIntegrator, run: Run) -> Trajectory:
+def _exact_steps(model: AffineIntegrator, run: Run) -> AffineSteps | UnevenSteps | None:
+    """The steps of a run; None where there would be too many."""
     names = model.names[: run.by_parameter]
+    if not _has_equal_steps(run.time):
+        return uneven_steps(model.family, run.theta, names, np.diff(run.time))
     period = float(run.time[-1] - run.time[0]) / (run.time.size - 1)
-    steps = affine_steps(model.family, run.theta, names, period, STRAIGHT if run.bent is None else CUBIC)
+    return affine_steps(model.family, run.theta, names, period, STRAIGHT if run.bent is None else CUBIC)
+
+
+def _run_exactly(steps: AffineSteps | UnevenSteps, run: Run) -> Trajectory:
     inputs = DrivenBy(run.u0, run.u1, np.vstack([run.u0, run.u_last]), run.bent)
     given = run.correction
     gain = None if given is None else Gain(given.measurements, given.gain, given.slopes)
     with np.errstate(over="ignore", invalid="ignore"):
-        states = steps.states(inputs, run.x0, gain)
+        along = steps.states(inputs, run.x0, gain)
+        states = steps.at_samples(along)
         outputs = steps.outputs(states, inputs)
         if not (np.all(np.isfinite(states)) and np.all(np.isfinite(outputs))):
             raise IntegrationError(FAILURES[3], float(run.time[0]))
-        slopes = steps.slopes(inputs, states, outputs, gain) if run.directions else None
+        slopes = steps.slopes(inputs, along, outputs, gain) if run.directions else None
     n, n_y = outputs.shape
     sens = np.empty((n, n_y, 0)) if slopes is None else slopes.transpose(1, 2, 0)
     return Trajectory(states, outputs, sens, n - 1)
