@@ -14,6 +14,7 @@ from daest.diagnosis.built_in.trials import prepare, trials
 from daest.diagnosis.evidence.ranking import could_compete
 from daest.diagnosis.null_model.null import fit_null
 from daest.diagnosis.refits.rivals import (
+    alike_elsewhere,
     best_dynamic,
     best_simulation,
     dynamic_fits,
@@ -30,6 +31,7 @@ from daest.diagnosis.refits.rivals import (
     signal_laws,
     simpler_laws,
     simplest_first,
+    told_from_places,
 )
 from daest.diagnosis.screening.candidates import pairs
 from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
@@ -137,6 +139,43 @@ def test_the_law_of_the_best_one_is_tried_at_other_places_that_do_much_the_same(
     assert own_law_elsewhere(best, unseen, [best]) == ()
     weak = [e if e.candidate is own else replace(e, score=0.4 * entries[0].score) for e in entries]
     assert own_law_elsewhere(best, SimpleNamespace(entries=weak, correlation=apart), [best]) == ()
+
+
+def test_a_law_that_only_the_screen_takes_for_the_best_one_is_tried_at_its_other_places():
+    """The sun on a wall was one with the sun on the room behind until a refit showed that walls store."""
+    _, _, proof = proved("CoulombFriction")
+    drag, friction = some_effects("QuadraticDrag", "CoulombFriction")
+    entries = [
+        Screened(candidate, 9.0, (0.1,), 0.01, False, 1.0)
+        for candidate in pairs([drag, friction], sites(model()))
+    ]
+    names = dict.fromkeys(e.candidate.site.name for e in entries if e.candidate.effect is drag)
+    here, *others = [
+        name
+        for name in names
+        if {e.candidate.effect for e in entries if e.candidate.site.name == name} == {drag, friction}
+    ]
+    at = {(e.candidate.effect.name, e.candidate.site.name): e.candidate for e in entries}
+    best = replace(
+        proof, candidate=at["CoulombFriction", here], delta_log_likelihood=300.0, equivalent=(others[0],)
+    )
+    behind = replace(best, candidate=at["QuadraticDrag", here], delta_log_likelihood=200.0)
+    one = np.ones((len(entries), len(entries)))
+    seen = SimpleNamespace(entries=entries, correlation=one)
+    found = [t.candidate for t in alike_elsewhere(best, seen, [best, behind])]
+    assert [c.effect.name for c in found] == ["QuadraticDrag", "CoulombFriction"]
+    assert {c.site.name for c in found} == {others[0]}
+    # What ended as likely is one as well, what responds otherwise is none of its business.
+    near = replace(behind, delta_log_likelihood=299.0)
+    assert alike_elsewhere(best, seen, [best, near]) == ()
+    apart = SimpleNamespace(entries=entries, correlation=np.eye(len(entries)))
+    assert alike_elsewhere(best, apart, [best, behind]) == ()
+    # What was refitted at both places and ended apart is not seen alike there any more.
+    there = replace(behind, candidate=found[0], delta_log_likelihood=300.0, equivalent=())
+    told = told_from_places([best, behind, there])
+    assert [p.equivalent for p in told] == [(others[0],), (), ()]
+    near = replace(there, delta_log_likelihood=200.5)
+    assert told_from_places([behind, near])[0].equivalent == (others[0],)
 
 
 def test_laws_with_shapes_are_tried_at_the_place_of_one_whose_errors_last():

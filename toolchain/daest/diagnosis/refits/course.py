@@ -43,6 +43,7 @@ from daest.diagnosis.refits.dependences import (
 )
 from daest.diagnosis.refits.rivals import (
     DynamicFits,
+    alike_elsewhere,
     best_dynamic,
     from_other_sizes,
     kinked_elsewhere,
@@ -60,6 +61,7 @@ from daest.diagnosis.refits.rivals import (
     simplest_first,
     straight_laws,
     told_apart,
+    told_from_places,
     with_held_shapes,
     with_likelier_lags,
 )
@@ -225,10 +227,10 @@ class Course:
         best = best_accepted(ranked(proofs))
         if best is not None:
             others = signal_laws(best, found, proofs) + laws_at_its_place(best, found, proofs)
-            others += own_law_elsewhere(best, found, proofs)
+            others += own_law_elsewhere(best, found, proofs) + alike_elsewhere(best, found, proofs)
             proofs += stages.proved(stages.prepared(others), ())[0]
             again = stages.proved(stages.prepared(from_other_sizes(best, found, proofs)), ())[0]
-            return _with_second_tries(proofs, again)
+            return told_from_places(_with_second_tries(proofs, again))
         held = with_held_shapes(self.stand.null, proofs)
         again = stages.proved([] if held is None else [held], ())[0]
         accepted = {p.candidate.name: p for p in again if p.verdict != "rejected"}

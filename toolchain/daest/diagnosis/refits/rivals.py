@@ -50,6 +50,7 @@ OTHER_SIZES = (0.5, 2.0)  # times that of a refit, from which it is searched aga
 MOST_SIMPLER = 2
 MOST_SHAPED = 2  # of the place of an accepted law, beside it
 MOST_ROUNDED = 2  # laws at other places
+MOST_ELSEWHERE = 3  # laws at places that the sensors see alike
 ITERATIONS = 15
 LAGS = (1.0, 10.0, 100.0)  # sampling periods, from which the size of a delay or lag is looked for
 BENT_LAGS = LAGS[:2]  # the same where every run takes longer
@@ -692,6 +693,53 @@ def own_law_elsewhere(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tu
         and trial.promised >= GATES.min_elsewhere * 0.5 * scores.get(own.name, 0.0) ** 2
     ]
     return tuple(found[:MOST_SIMPLER])
+
+
+def alike_elsewhere(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
+    """Laws that respond as the accepted `best` does to the screen, but ended less likely, at those of their
+    places that were not tried; then `best` at those of its own. The first of places that the sensors see
+    alike beside the model as it is speaks for all, and with the law in it, the model may have parameters that
+    tell them apart: the sun on a wall that stores heat and on the room behind are one as long as nothing
+    shows that it stores any."""
+    at = {entry.candidate.name: i for i, entry in enumerate(screen.entries)}
+    own = at.get(best.candidate.name)
+    if own is None or best.candidate.is_of_parameter:
+        return ()
+    alike = np.abs(screen.correlation[own]) > GATES.same_place_correlation
+    least = best.delta_log_likelihood - GATES.same_fit_elsewhere
+    behind = [
+        p
+        for p in tried
+        if p.candidate.name in at and alike[at[p.candidate.name]] and p.delta_log_likelihood < least
+    ]
+    known = {(_law(p.candidate), p.candidate.site.name) for p in tried}
+    found: dict[tuple[tuple[str, ...], str], Trial] = {}
+    for one in (*behind, best) if behind else ():
+        for entry in screen.entries:
+            law, place = _law(entry.candidate), entry.candidate.site.name
+            if law == _law(one.candidate) and place in one.equivalent and (law, place) not in known:
+                found.setdefault((law, place), Trial(entry.candidate, entry.sizes, ()))
+    return tuple(found.values())[:MOST_ELSEWHERE]
+
+
+def told_from_places(proofs: Sequence[Proof]) -> list[Proof]:
+    """The proofs without those of their places that the sensors see alike where the same law was refitted and
+    ended clearly more or less likely."""
+    by_place = {(_law(p.candidate), p.candidate.site.name): p for p in proofs}
+
+    def is_alike(proof: Proof, place: str) -> bool:
+        other = by_place.get((_law(proof.candidate), place))
+        if other is None:
+            return True
+        apart = abs(other.delta_log_likelihood - proof.delta_log_likelihood)
+        return apart <= GATES.same_fit_elsewhere
+
+    return [replace(p, equivalent=tuple(name for name in p.equivalent if is_alike(p, name))) for p in proofs]
+
+
+def _law(candidate: Candidate) -> tuple[str, ...]:
+    """The law of a candidate, with what is supplied to it."""
+    return (candidate.effect.class_name, *chain.from_iterable(sorted(candidate.inputs.items())))
 
 
 def _is_kinked(one: Candidate) -> bool:
