@@ -331,6 +331,26 @@ def test_clock(code):
     assert code in codes and set(codes) <= {code, "check-clock-gap"}
 
 
+def test_an_input_that_changes_in_a_pause_of_the_clock_is_told():
+    """A logger that sleeps for half a minute while the heater is switched off."""
+    time = PERIOD * np.arange(N)
+    values = np.where(np.arange(N) < N // 2, 5.0, 1.0) + 0.1 * np.sin(time)
+    u = np.where(np.arange(N) < N // 4, 0.0, values)
+    late = np.where(np.arange(N) < N // 2, time, time + 100 * PERIOD)
+
+    def told(clock, role="input"):
+        table = Table("run.csv", (Column("time", "s", clock), Column("u", None, u)), None)
+        found = check_table(table, {"u": role}).findings
+        return [f for f in found if f.code == "check-input-unseen"]
+
+    (one,) = told(late)
+    assert one.column == "u" and one.at == pytest.approx(time[N // 2 - 1])
+    assert "changes from 5" in one.text and f"pauses for {101 * PERIOD:.4g} s" in one.text
+    assert not told(time) and not told(late, "output")
+    # A pause in which it stays tells nothing.
+    assert not told(np.where(np.arange(N) < N // 3, time, time + 100 * PERIOD))
+
+
 def test_times_with_too_few_digits_are_told():
     """What a table with three digits makes of a camera with 120 pictures a second, from 1 s on."""
     time = np.array([float(f"{t:.2e}") for t in np.arange(1200) / 120.0])

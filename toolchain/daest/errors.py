@@ -185,6 +185,12 @@ EXPLANATIONS: dict[str, str] = {
         "The recording has so few samples that faults cannot be told from the signal, and hardly more than "
         "one or two parameters be estimated. Record longer, or at a shorter period."
     ),
+    "check-input-unseen": (
+        "An input has another value after a pause of the clock than before. Between two samples it is held "
+        "or runs straight, whichever the model simulates better with, and neither is what happened: the "
+        "machine has moved under an input that nobody recorded. Cut the recording there with --from and "
+        "--to, or make two files of it, which are two experiments with initial states of their own."
+    ),
     "check-lag": (
         "One column is another one, later by a fixed time. That may be the machine; if both are sensors of "
         "one quantity, their clocks differ, and identification would put the lag into the parameters. Shift "

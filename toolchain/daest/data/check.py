@@ -101,7 +101,7 @@ def _checked(
             findings += [*of_column, *_turned(column)]
         else:
             findings.append(Finding("check-missing", "warning", column.name, "holds no value"))
-    findings += _pairs(time, columns, clock)
+    findings += [*_changed_unseen(time, columns, clock), *_pairs(time, columns, clock)]
     known_time = time[np.isfinite(time)]
     start, stop = (float(known_time[0]), float(known_time[-1])) if known_time.size else (0.0, 0.0)
     ordered = tuple(sorted(findings, key=lambda finding: finding.level != "warning"))
@@ -137,6 +137,31 @@ def _driven(columns: Sequence[_Column]) -> np.ndarray | None:
     """When an input was not zero, (n,) of bool; a missing value may be anything. None without inputs."""
     inputs = [column.values for column in columns if column.role == "input"]
     return np.any([values != 0.0 for values in inputs], axis=0) if inputs else None
+
+
+def _changed_unseen(time: np.ndarray, columns: Sequence[_Column], clock: str) -> list[Finding]:
+    """Inputs that change by much of their range while the clock pauses: nobody knows when."""
+    steps = np.diff(time)
+    if steps.size < 2 or not np.all(steps > 0):
+        return []
+    gaps = np.flatnonzero(steps > DATA.unseen_pause * np.median(steps))
+    found = []
+    for column in columns if gaps.size else ():
+        values = column.values
+        if column.role != "input" or not np.all(np.isfinite(values)) or np.any(absurd(values)):
+            continue
+        changes = np.abs(values[gaps + 1] - values[gaps])
+        large = gaps[changes > DATA.unseen_change * np.ptp(values)]
+        if not large.size:
+            continue
+        at = int(large[0])
+        text = (
+            f"changes from {values[at]:.4g} to {values[at + 1]:.4g} while the clock pauses for "
+            f"{steps[at]:.4g} {clock}: when is unknown, and it is taken as held or as a straight line; "
+            "cut the recording there, or make two of it"
+        )
+        found.append(Finding("check-input-unseen", "warning", column.name, text, float(time[at]), large.size))
+    return found
 
 
 def _summary(column: _Column, samples: Samples) -> ColumnSummary:
