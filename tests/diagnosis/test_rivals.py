@@ -23,6 +23,7 @@ from daest.diagnosis.refits.rivals import (
     laws_at_its_place,
     no_richer_ones,
     not_begun_by,
+    other_bends,
     other_forms,
     own_law_elsewhere,
     reduced_laws,
@@ -87,6 +88,28 @@ def test_other_laws_of_a_signal_are_tried_beside_the_best_one():
     assert others and {c.site.name for c in elsewhere} == others
     assert {c.effect.name for c in elsewhere} == {"QuadraticGain"}
     assert signal_laws(proof, SimpleNamespace(entries=entries), [proof]) == ()
+
+
+def test_other_laws_are_tried_for_a_signal_that_a_likelier_one_turns_back():
+    """A limit of a torque is nearest to a gain that falls with it, where that turns the torque back."""
+    _, _, proof = proved("CoulombFriction")
+    bends = some_effects("QuadraticGain", "DeadZone", "Saturation", "Lag", "CoulombFriction")
+    entries = [
+        Screened(candidate, 1.0, (0.1,), 0.5, False, 1.0) for candidate in pairs(bends, sites(model()))
+    ]
+    screen = SimpleNamespace(entries=entries)
+    bend = next(e.candidate for e in entries if e.candidate.effect.name == "QuadraticGain")
+    reason = "it turns its signal back beyond 2 (recorded to 4), as no gain does"
+    accepted = replace(proof, verdict="supported", delta_bic=100.0)
+    turned = replace(proof, candidate=bend, verdict="rejected", reason=reason, delta_bic=150.0)
+    for best in (accepted, None):
+        found = [trial.candidate for trial in other_bends(best, screen, [accepted, turned])]
+        assert {one.effect.name for one in found} == {"DeadZone", "Saturation"}
+        assert {one.site for one in found} == {bend.site}
+    tried = [accepted, turned, *(replace(proof, candidate=one) for one in found)]
+    assert other_bends(accepted, screen, tried) == ()
+    for other in (replace(turned, delta_bic=90.0), replace(turned, reason="unseen data are foreseen worse")):
+        assert other_bends(accepted, screen, [accepted, other]) == ()
 
 
 def test_a_plainer_law_at_the_place_of_one_with_a_shape_is_tried():

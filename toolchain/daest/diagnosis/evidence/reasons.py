@@ -32,6 +32,7 @@ from daest.systems.linear.linearize import has_affine_dynamics
 
 ABSOLUTE_VALUE = "Daest.Effects.Signals.AbsoluteValueSensor"
 GAIN = "Daest.Effects.Signals.Gain"
+TURNS_BACK = "it turns its signal back"
 PLAY = "Daest.Effects.Signals.Play"
 ALONG = 200  # values of a signal at which a bend of it is looked at
 PLACED = 0.5  # of what its variable reaches, from which a shape is looked for as a place along it
@@ -405,7 +406,7 @@ def turned_back(model: Null, candidate: Candidate, told: FitResult) -> str:
     summit = int(np.argmax(y))
     if y[np.argmax(u)] >= (1.0 - GATES.max_turned) * y[summit]:
         return ""
-    return f"it turns its signal back beyond {u[summit]:.3g} (recorded to {u.max():.3g}), as no gain does"
+    return f"{TURNS_BACK} beyond {u[summit]:.3g} (recorded to {u.max():.3g}), as no gain does"
 
 
 def too_wide(model: Null, candidate: Candidate, told: FitResult) -> str:

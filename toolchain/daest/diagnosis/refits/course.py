@@ -50,6 +50,7 @@ from daest.diagnosis.refits.rivals import (
     laws_at_its_place,
     no_richer_ones,
     not_begun_by,
+    other_bends,
     other_forms,
     own_law_elsewhere,
     reduced_laws,
@@ -217,14 +218,18 @@ class Course:
 
     def _with_simpler_laws(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with parts of the most likely one where that is refused, and with those that bend a
-        signal as the accepted one does, plainer ones at its place, its own law at others, or without shapes
-        of a refused one that the data do not show."""
+        signal as the accepted one does, or a likelier one that turns it back, plainer ones at its place, its
+        own law at others, or without shapes of a refused one that the data do not show."""
         found = self.screens[0]
         best = most_likely(proofs)
         if best is not None and best.verdict == "rejected":
             proofs += stages.proved(stages.prepared(simpler_laws(best, found, proofs)), proofs)[0]
             proofs = stages.second_tries(proofs, found)
         best = best_accepted(ranked(proofs))
+        bends = other_bends(best, found, proofs)
+        if bends:
+            proofs = stages.second_tries(proofs + stages.proved(stages.prepared(bends), ())[0], found)
+            best = best_accepted(ranked(proofs))
         if best is not None:
             others = signal_laws(best, found, proofs) + laws_at_its_place(best, found, proofs)
             others += own_law_elsewhere(best, found, proofs) + alike_elsewhere(best, found, proofs)

@@ -24,7 +24,7 @@ from daest.diagnosis.built_in.trials import SHARPER, Prepared, Trial, trials, wi
 from daest.diagnosis.evidence.law_values import errors_last
 from daest.diagnosis.evidence.proof import bic_gain
 from daest.diagnosis.evidence.ranking import most_likely
-from daest.diagnosis.evidence.reasons import NO_BEND, STRAIGHT, unseen_scales
+from daest.diagnosis.evidence.reasons import NO_BEND, STRAIGHT, TURNS_BACK, unseen_scales
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, period_of, simulation_options
 from daest.diagnosis.screening.candidates import with_shapes
@@ -623,6 +623,24 @@ def signal_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Tr
         if law in known or not (one.site == own.site or is_mirrored):
             continue
         if _is_late_and_bends(one) if own.is_dynamic else _is_static(entry):
+            found.setdefault(law, Trial(one, entry.sizes, ()))
+    return tuple(found.values())
+
+
+def other_bends(best: Proof | None, screen: Screen, tried: Sequence[Proof]) -> tuple[Trial, ...]:
+    """The other laws without states that bend a signal and were not tried, where the likeliest law is one
+    that turns it back, refused for that, and likelier than the accepted `best`: the first term of a bend says
+    that there is one, and not which."""
+    turned = [p for p in tried if p.verdict == "rejected" and p.reason.startswith(TURNS_BACK)]
+    likeliest = most_likely(turned)
+    if likeliest is None or (best is not None and likeliest.delta_bic <= best.delta_bic):
+        return ()
+    site = likeliest.candidate.site
+    known = {p.candidate.effect.class_name for p in tried if p.candidate.site == site}
+    found: dict[str, Trial] = {}
+    for entry in screen.entries:
+        one, law = entry.candidate, entry.candidate.effect.class_name
+        if one.site == site and law not in known and _is_static(entry):
             found.setdefault(law, Trial(one, entry.sizes, ()))
     return tuple(found.values())
 
