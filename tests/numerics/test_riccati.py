@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from daest.numerics import recursions, riccati
-from daest.numerics.riccati import NoiseModel, filter_riccati, unobservable_subspace, varying_gains
+from daest.numerics.exponential import covariance_integral, transition_integrals
+from daest.numerics.riccati import (
+    NoiseModel,
+    filter_riccati,
+    predictor_gain,
+    unobservable_subspace,
+    varying_gains,
+)
 
 UNIT = 1e6  # of the third state: a slope of the second that is counted in millionths
 
@@ -34,6 +41,29 @@ def test_a_state_that_no_noise_reaches_is_known_in_the_end(unit):
     assert P[:2, :2] == pytest.approx(alone, rel=1e-12)
     assert not P[2].any()
     assert not P[:, 2].any()
+
+
+def test_pressures_in_pascals_beside_flows_that_hardly_any_noise_drives_are_solved():
+    """Two oil volumes behind a hose, a moving mass, and loads at each: the filter had no gain there."""
+    stiff, area, mass, passes = 6.5733e8, 0.0079, 1300.0, 1.0 / 2.708e8
+    a, b = stiff / 0.003, stiff / 0.02385
+    A = np.zeros((7, 7))
+    A[0, [0, 2, 4]] = -a * (passes + 5e-12), a * passes, a
+    A[1, 3] = 1.0
+    A[2, [0, 2, 3, 5]] = b * passes, -b * passes, -area * b, b
+    A[3, [2, 3, 6]] = area / mass, -5031.0 / mass, 1.0 / mass
+    A[[4, 5, 6], [4, 5, 6]] = -50.0
+    W = np.diag([0.0, 0.0, 0.0, 0.0, 7.1e-13, 9.9e-14, 7.93e6])
+    C = np.eye(2, 7)
+    Phi, Q = transition_integrals(A, 0.01).transition, covariance_integral(A, W, 0.01)
+    arrays = (Phi, C, Q, np.diag([4.7e4**2, 1.04e-3**2]), np.zeros((7, 2)))
+    P = filter_riccati(*arrays)
+    assert P is not None
+    K, S = predictor_gain(P, *(arrays[i] for i in (0, 1, 3, 4)))
+    size = np.sqrt(P.diagonal())
+    rest = Phi @ P @ Phi.T + Q - K @ S @ K.T - P
+    assert np.max(np.abs(rest) / (size[:, None] * size)) < 1e-9
+    assert np.sqrt(S[0, 0]) == pytest.approx(5.54e4, rel=0.01)
 
 
 def test_a_state_that_no_noise_reaches_and_that_grows_is_followed_all_the_same():

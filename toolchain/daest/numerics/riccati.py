@@ -81,9 +81,10 @@ def filter_riccati(
     """Stabilising P = Φ P Φᵀ + Q - K (C P Cᵀ + R) Kᵀ with K = (Φ P Cᵀ + S12)(C P Cᵀ + R)⁻¹, shape (n, n).
 
     Doubling from P = 0 (2^i steps of the recursion after i rounds; accurate with poles close to the unit
-    circle and any units); where it cannot be used or does not stabilise (R singular, an unstable mode without
-    noise) the Schur method with Newton steps. None when neither gives a stabilising solution to
-    RESIDUAL_TOLERANCE: there is an undetectable mode, or one on the unit circle without noise.
+    circle), once more in units of its own where it is not accurate enough; where it cannot be used or does
+    not stabilise (R singular, an unstable mode without noise) the Schur method with Newton steps. None when
+    neither gives a stabilising solution to RESIDUAL_TOLERANCE: there is an undetectable mode, or one on the
+    unit circle without noise.
 
     States that no noise reaches and that die out are known in the end: their rows of P are zero. A method
     leaves rounding there, and no tolerance relative to such rows would pass it.
@@ -113,7 +114,7 @@ def _driven_covariance(
     """`filter_riccati` of the states that noise drives."""
     if Phi.shape[0] == 0:
         return np.zeros((0, 0))
-    for method in (_doubled, _schur):
+    for method in (_doubled, _doubled_in_own_units, _schur):
         if method is _schur and _keeps_a_mode(Phi, Q):
             return None
         # A diverging solution is dropped below. Next to no noise on an integrator leaves a closed-loop pole
@@ -223,6 +224,23 @@ def _doubled(
         if (np.abs(change) <= eps * (size[:, None] * size)).all():
             return H
     return None
+
+
+def _doubled_in_own_units(
+    Phi: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, S12: np.ndarray
+) -> np.ndarray | None:
+    """`_doubled` for states in units of the standard deviations that it finds: beside pressures in pascals,
+    the pivots of its equations lose what a flow in m3/s that hardly any noise drives has in common with
+    them."""
+    P = _doubled(Phi, C, Q, R, S12)
+    if P is None:
+        return None
+    variances = P.diagonal()
+    exponents = np.round(0.5 * np.log2(variances, where=variances > 0.0, out=np.zeros_like(variances)))
+    size = np.exp2(exponents)
+    units = size[:, None] * size
+    scaled = _doubled(Phi * size / size[:, None], C * size, Q / units, R, S12 / size[:, None])
+    return None if scaled is None else scaled * units
 
 
 def _schur(
