@@ -25,6 +25,7 @@ from daest.diagnosis.evidence.unseen import (
     is_worse,
     judged,
     steady_outputs,
+    unconfirmed,
 )
 from daest.diagnosis.null_model.loads import load_places, load_sites, with_loads
 from daest.diagnosis.null_model.null import Null, fit_null
@@ -445,3 +446,14 @@ def test_colder_room_does_not_count_against_the_model():
     assert np.sqrt(np.array(misfits) / 400) * noise == pytest.approx([sigma, sigma], rel=0.1)
     slow = null.flat.with_theta({"C": 2e5, "G": 20.0})
     assert steady_misfit(null, slow, null.explicit, colder) > 100.0 * misfits[1]
+
+
+def test_a_law_that_takes_little_of_the_load_needs_unseen_data_that_are_foreseen_clearly_better():
+    """Play where a contact opens, and an outlet of a tight chamber, which had both been supported."""
+    slightly = (Ahead(1, 0.005, 0.98, 0.9), Ahead(100, 0.5, 0.85, 1.7))
+    reason = "it explains only 35 % of the unexplained load, and unseen data are foreseen clearly better"
+    assert unconfirmed(0.354, slightly, Confirmed(2.0, 0.7, 9.0)).startswith(reason)
+    assert unconfirmed(0.6, slightly, Confirmed()) == ""
+    assert unconfirmed(0.354, (), Confirmed()) == ""
+    assert unconfirmed(0.354, slightly, Confirmed(9.0, 2.7, 12.0)) == ""
+    assert unconfirmed(0.354, (*slightly, Ahead(30, 0.15, 0.9, 3.1)), Confirmed()) == ""

@@ -54,6 +54,7 @@ from daest.diagnosis.evidence.unseen import (
     innovations,
     is_worse,
     judged,
+    unconfirmed,
 )
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, grown, loads_of, period_of, refitted
@@ -395,6 +396,8 @@ class _Judge:
         reason = reason or _of_levels(self.fed, prepared, explicit, final, self.validation, reference)
         if not reason and not (self._says_all or is_told or is_shown or is_all):
             reason = unexplained(self.explained, ratios)
+        if not reason and not (is_told or is_shown or is_all):
+            reason = unconfirmed(self.explained, ahead, told)
         return _Told(
             reason, fit, final, ahead, told, used, ratios, vague, unseen_form,
             is_open, is_told, self._says_all, is_shown,

@@ -278,6 +278,16 @@ def is_better(one: Ahead) -> bool:
     return one.ratio < 1.0 - GATES.same_unseen_error and one.certainty > GATES.unseen_significance
 
 
+def unconfirmed(explained: float, ahead: Sequence[Ahead], told: Confirmed) -> str:
+    """Why a law that takes less than half of the load is not what is missing, though it says all that the
+    load has to do with any variable: unseen data are foreseen clearly better over no horizon, and are no
+    likelier. Empty where one of these speaks for it, or nothing is known of them."""
+    if explained >= GATES.min_explained or not ahead or any(map(is_better, ahead)) or is_likelier(told):
+        return ""
+    share = f"it explains only {100 * explained:.0f} % of the unexplained load"
+    return f"{share}, and unseen data are foreseen clearly better over no time"
+
+
 def judged(
     ahead: Sequence[Ahead],
     before: FitResult,
