@@ -396,7 +396,7 @@ class _Judge:
         reason = reason or _of_levels(self.fed, prepared, explicit, final, self.validation, reference)
         if not reason and not (self._says_all or is_told or is_shown or is_all):
             reason = unexplained(self.explained, ratios)
-        if not reason and not (is_told or is_shown or is_all):
+        if not reason and not (is_told or is_all):
             reason = unconfirmed(self.explained, ahead, told)
         return _Told(
             reason, fit, final, ahead, told, used, ratios, vague, unseen_form,
