@@ -47,6 +47,7 @@ from daest.diagnosis.evidence.reasons import (
     wrong_law,
 )
 from daest.diagnosis.evidence.refused_beside import _ends_in_a_simpler_law
+from daest.diagnosis.evidence.same_laws import is_linear_law
 from daest.diagnosis.evidence.stand import begin, reference_of
 from daest.diagnosis.evidence.unseen import SIMULATED_WORSE
 from daest.diagnosis.gates import GATES
@@ -1155,7 +1156,8 @@ def test_one_equation_under_two_names_is_one_answer():
     assert first.verdict == "supported" and first.not_separable_from == ()
     assert first.same_as == (second.candidate.label,) and second.same_as == ()
     assert second.verdict == "rejected" and "same equation" in second.reason
-    law = replace(other.candidate, effect=replace(other.candidate.effect, class_name="Other"))
+    another = replace(other.candidate.effect, class_name="Daest.Effects.Rotational.LuGreFriction")
+    law = replace(other.candidate, effect=another)
     apart = replace(other, candidate=law, delta_log_likelihood=proof.delta_log_likelihood - 0.5)
     assert [p.verdict for p in ranked([proof, apart])] == ["not separable", "not separable"]
     # Two searches for the same end apart by a share of what they gain.
@@ -1172,6 +1174,17 @@ def test_one_equation_under_two_names_is_one_answer():
         (proof.candidate.site.name, "supported"),
         ("bearing", "rejected"),
     ]
+    # Of two with as many of both the linear one.
+    line, cube = (
+        next(e for e in library() if e.name == name) for name in ("ViscousFriction", "QuadraticDrag")
+    )
+    assert is_linear_law(line) and not is_linear_law(cube)
+    cube = replace(cube, parameters=line.parameters)
+    likelier, straight = (
+        replace(one, candidate=replace(one.candidate, effect=effect), delta_bic=proof.delta_bic + more)
+        for one, effect, more in ((other, cube, 1e-3), (proof, line, 0.0))
+    )
+    assert ranked([likelier, straight])[0].candidate.effect is line
     # An offset is the name for a dead zone that the recordings never enter, whatever came first.
     more = (*proof.candidate.effect.parameters, proof.candidate.effect.parameters[0])
     richer = replace(

@@ -28,9 +28,16 @@ from daest.diagnosis.evidence.rival_laws import (
     may_be_instead,
     may_be_of_the_kink,
 )
-from daest.diagnosis.evidence.same_laws import is_other_form, is_same_beside_a_load, is_same_equation, is_twin
+from daest.diagnosis.evidence.same_laws import (
+    is_linear_law,
+    is_other_form,
+    is_same_beside_a_load,
+    is_same_equation,
+    is_twin,
+)
 from daest.diagnosis.gates import GATES
 from daest.model.diagnosis import Candidate, Proof, Screen
+from daest.model.effects import Effect
 from daest.model.fit import FitResult
 
 
@@ -228,13 +235,27 @@ def best_accepted(proofs: Sequence[Proof]) -> Proof | None:
     return next((p for p in proofs if p.verdict != "rejected"), None)
 
 
+def _plainest(same: Sequence[Proof]) -> Proof:
+    """The one with the fewest parameters of any kind, then with the fewest connectors, since what runs over
+    is lost as long as nothing tells where it goes, and then one that is linear: a loss of heat is radiation
+    where that shows."""
+
+    def n_parts(effect: Effect) -> tuple[int, int]:
+        return len(effect.parameters), len(effect.connectors)
+
+    fewest = min(n_parts(p.candidate.effect) for p in same)
+    alike = [p for p in same if n_parts(p.candidate.effect) == fewest]
+    if len({p.candidate.effect.class_name for p in alike}) == 1:
+        return alike[0]
+    return next((p for p in alike if is_linear_law(p.candidate.effect)), alike[0])
+
+
 def _simplest(accepted: Sequence[Proof]) -> Proof:
     """The best by BIC, or one at the same place with fewer parameters that gains nearly as much: with much
     data, the way in which a law is rounded is significant, too (`is_of_the_kink`). Of laws that are the same
-    on these data, the one with the fewest parameters of any kind, and then with the fewest connectors: what
-    runs over is lost, as long as nothing tells where it goes."""
+    on these data, the plainest."""
     same = [p for p in accepted if p is accepted[0] or is_same_equation(p, accepted[0])]
-    best = min(same, key=lambda p: (len(p.candidate.effect.parameters), len(p.candidate.effect.connectors)))
+    best = _plainest(same)
     simpler = [
         p
         for p in accepted

@@ -3,12 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from itertools import starmap
+
+import casadi as ca
 
 from daest.diagnosis.evidence.law_values import agree, own_sizes, told_of_effect, values_of_model
 from daest.diagnosis.gates import GATES
 from daest.model.diagnosis import Proof
+from daest.model.effects import Effect
 from daest.model.fit import FittedParameter
+from daest.modelica.effects.catalogue import effect_model
+from daest.systems.linear.linearize import is_affine
+
+
+@cache
+def is_linear_law(effect: Effect) -> bool:
+    """Whether the equations of an effect are linear in its variables."""
+    model = effect_model(effect)
+    symbols = [ca.SX.sym(f"s{i}", model.function.size1_in(i)) for i in range(5)]
+    residual = model.function(*symbols)[0]
+    return is_affine(residual, ca.vertcat(*symbols[:3]), symbols[4])
 
 
 def is_same_load(one: Proof, other: Proof) -> bool:
