@@ -218,4 +218,4 @@ class Placement:
         """Of a new input of the model for the effect's signal `name`, whose `own` unit it is where the other
         does not convert."""
         unit = self.input_units.get(name, "")
-        return unit if unit and own and is_of(unit, own) else own
+        return unit if own and is_of(unit, own) else own

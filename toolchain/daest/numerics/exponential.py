@@ -100,16 +100,11 @@ class Beside:
 
     def integrals(self) -> TransitionIntegrals:
         """As `transition_integrals`, every field (k, n, n)."""
-        return self._unpacked(self._summed(self._rows))
+        return self._unpacked(self.summed(self._rows))
 
     def derivatives(self, dA: np.ndarray) -> TransitionIntegrals:
         """As `transition_integral_derivatives` for dA (p, n, n), every field (k, p, n, n)."""
-        return self._unpacked(self._summed(self._row_derivatives(dA)))
-
-    @property
-    def powers(self) -> np.ndarray:
-        """δ^j (k, terms) by which the `rows` of every period are summed up."""
-        return self._powers
+        return self._unpacked(self.summed(self._row_derivatives(dA)))
 
     @property
     def weights(self) -> np.ndarray:
@@ -183,11 +178,11 @@ class Beside:
 
     def _of_series(self, terms: np.ndarray) -> np.ndarray:
         """Their sums (k, ...) over the relative differences of the periods."""
-        return self._summed(terms, self._powers * (self.relative - 1.0)[:, None])
+        return self.summed(terms, self.powers * (self.relative - 1.0)[:, None])
 
-    def _summed(self, terms: np.ndarray, powers: np.ndarray | None = None) -> np.ndarray:
+    def summed(self, terms: np.ndarray, powers: np.ndarray | None = None) -> np.ndarray:
         """Sums (k, ...) of the `terms` (j, ...) times δ^j, or other `powers` (k, j)."""
-        powers = self._powers if powers is None else powers
+        powers = self.powers if powers is None else powers
         flat = terms.reshape(len(terms), math.prod(terms.shape[1:]))
         return np.asarray(powers @ flat).reshape(len(powers), *terms.shape[1:])
 
@@ -223,7 +218,8 @@ class Beside:
         return np.array(terms)
 
     @cached_property
-    def _powers(self) -> np.ndarray:
+    def powers(self) -> np.ndarray:
+        """δ^j (k, terms) by which the `rows` of every period are summed up."""
         return np.vander(self.relative - 1.0, len(self._terms), increasing=True)
 
     def _unpacked(self, top: np.ndarray) -> TransitionIntegrals:

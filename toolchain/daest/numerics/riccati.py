@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import wraps
 from hashlib import blake2b
@@ -114,17 +114,24 @@ def _driven_covariance(
     """`filter_riccati` of the states that noise drives."""
     if Phi.shape[0] == 0:
         return np.zeros((0, 0))
-    for method in (_doubled, _doubled_in_own_units, _schur):
-        if method is _schur and _keeps_a_mode(Phi, Q):
-            return None
-        # A diverging solution is dropped below. Next to no noise on an integrator leaves a closed-loop pole
-        # next to the unit circle: scipy warns of the Lyapunov equation then, but what counts is the residual.
-        with np.errstate(over="ignore", invalid="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
-            P = method(Phi, C, Q, R, S12)
-        if P is not None and _solves(P, Phi, C, Q, R, S12):
-            return P
-    return None
+    # A diverging solution is dropped. Next to no noise on an integrator leaves a closed-loop pole next to the
+    # unit circle: scipy warns of the Lyapunov equation then, but what counts is the residual.
+    with np.errstate(over="ignore", invalid="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
+        found = _solutions(Phi, C, Q, R, S12)
+        return next((P for P in found if P is not None and _solves(P, Phi, C, Q, R, S12)), None)
+
+
+def _solutions(
+    Phi: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, S12: np.ndarray
+) -> Iterator[np.ndarray | None]:
+    """What the methods find, one after the other; None where one cannot be used."""
+    P = _doubled(Phi, C, Q, R, S12)
+    yield P
+    if P is not None:
+        yield _doubled_in_units_of(P, Phi, C, Q, R, S12)
+    if not _keeps_a_mode(Phi, Q):
+        yield _schur(Phi, C, Q, R, S12)
 
 
 def _keeps_a_mode(Phi: np.ndarray, Q: np.ndarray) -> bool:
@@ -226,15 +233,12 @@ def _doubled(
     return None
 
 
-def _doubled_in_own_units(
-    Phi: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, S12: np.ndarray
+def _doubled_in_units_of(
+    P: np.ndarray, Phi: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, S12: np.ndarray
 ) -> np.ndarray | None:
-    """`_doubled` for states in units of the standard deviations that it finds: beside pressures in pascals,
-    the pivots of its equations lose what a flow in m3/s that hardly any noise drives has in common with
-    them."""
-    P = _doubled(Phi, C, Q, R, S12)
-    if P is None:
-        return None
+    """`_doubled` for states in units of the standard deviations that it has found, of a covariance P: beside
+    pressures in pascals, the pivots of its equations lose what a flow in m3/s that hardly any noise drives
+    has in common with them."""
     variances = P.diagonal()
     exponents = np.round(0.5 * np.log2(variances, where=variances > 0.0, out=np.zeros_like(variances)))
     size = np.exp2(exponents)

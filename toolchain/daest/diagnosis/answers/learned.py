@@ -91,11 +91,10 @@ def learned_load(
     if found_settled is not None:
         white, observer = found_settled
         ahead = compared(reference.foreseen, foreseen(observer, validation), period_of(null.experiments))
-        told, drift = white, None
-        if reference.adds_up:
-            drift = foretold_drift(observer, validation)
-        else:
+        told = white
+        if not reference.adds_up:
             told = better_of(white, fit_by_simulation(null, white, flat, null.experiments, validation))
+        drift = foretold_drift(observer, validation) if reference.adds_up else None
         clock = clock_unit(null.flat)
         against, _, _ = judged(
             ahead,

@@ -13,17 +13,15 @@ from daest.diagnosis.gates import GATES
 from daest.model.diagnosis import Proof
 from daest.model.effects import Effect
 from daest.model.fit import FittedParameter
-from daest.modelica.effects.catalogue import effect_model
+from daest.modelica.effects.catalogue import equations_of
 from daest.systems.linear.linearize import is_affine
 
 
 @cache
 def is_linear_law(effect: Effect) -> bool:
     """Whether the equations of an effect are linear in its variables."""
-    model = effect_model(effect)
-    symbols = [ca.SX.sym(f"s{i}", model.function.size1_in(i)) for i in range(5)]
-    residual = model.function(*symbols)[0]
-    return is_affine(residual, ca.vertcat(*symbols[:3]), symbols[4])
+    residual, derivatives, xi, w, _, time = equations_of(effect)
+    return is_affine(residual, ca.vertcat(derivatives, xi, w), time)
 
 
 def is_same_load(one: Proof, other: Proof) -> bool:

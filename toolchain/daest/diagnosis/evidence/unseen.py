@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daest.diagnosis.evidence.free_starts import best_start
+from daest.diagnosis.evidence.reasons import unexplained
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import with_noise
 from daest.diagnosis.screening.screen import ATOL_OF_SCALE, RTOL, NullObserver, run_null
@@ -282,10 +283,10 @@ def unconfirmed(explained: float, ahead: Sequence[Ahead], told: Confirmed) -> st
     """Why a law that takes less than half of the load is not what is missing, though it says all that the
     load has to do with any variable: unseen data are foreseen clearly better over no horizon, and are no
     likelier. Empty where one of these speaks for it, or nothing is known of them."""
-    if explained >= GATES.min_explained or not ahead or any(map(is_better, ahead)) or is_likelier(told):
+    little = unexplained(explained, ())
+    if not little or not ahead or any(map(is_better, ahead)) or is_likelier(told):
         return ""
-    share = f"it explains only {100 * explained:.0f} % of the unexplained load"
-    return f"{share}, and unseen data are foreseen clearly better over no time"
+    return f"{little}, and unseen data are foreseen clearly better over no time"
 
 
 def judged(

@@ -615,15 +615,27 @@ def signal_laws(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tuple[Tr
     own = best.candidate
     if not own.is_of_signal or (own.is_dynamic and not _is_partial(best)):
         return ()
+
+    def is_wanted(entry: Screened) -> bool:
+        one = entry.candidate
+        is_mirrored = one.is_of_signal and one.effect.class_name == own.effect.class_name
+        if not (one.site == own.site or is_mirrored):
+            return False
+        return _is_late_and_bends(one) if own.is_dynamic else _is_static(entry)
+
+    return _untried_laws(screen, tried, is_wanted)
+
+
+def _untried_laws(
+    screen: Screen, tried: Sequence[Proof], is_wanted: Callable[[Screened], bool]
+) -> tuple[Trial, ...]:
+    """Every law at a place that was not tried there, in the first of its shapes that is wanted."""
     known = {(p.candidate.effect.class_name, p.candidate.site.name) for p in tried}
     found: dict[tuple[str, str], Trial] = {}
     for entry in screen.entries:
-        one, law = entry.candidate, (entry.candidate.effect.class_name, entry.candidate.site.name)
-        is_mirrored = one.is_of_signal and law[0] == own.effect.class_name
-        if law in known or not (one.site == own.site or is_mirrored):
-            continue
-        if _is_late_and_bends(one) if own.is_dynamic else _is_static(entry):
-            found.setdefault(law, Trial(one, entry.sizes, ()))
+        law = entry.candidate.effect.class_name, entry.candidate.site.name
+        if law not in known and is_wanted(entry):
+            found.setdefault(law, Trial(entry.candidate, entry.sizes, ()))
     return tuple(found.values())
 
 
@@ -636,13 +648,7 @@ def other_bends(best: Proof | None, screen: Screen, tried: Sequence[Proof]) -> t
     if likeliest is None or (best is not None and likeliest.delta_bic <= best.delta_bic):
         return ()
     site = likeliest.candidate.site
-    known = {p.candidate.effect.class_name for p in tried if p.candidate.site == site}
-    found: dict[str, Trial] = {}
-    for entry in screen.entries:
-        one, law = entry.candidate, entry.candidate.effect.class_name
-        if one.site == site and law not in known and _is_static(entry):
-            found.setdefault(law, Trial(one, entry.sizes, ()))
-    return tuple(found.values())
+    return _untried_laws(screen, tried, lambda entry: entry.candidate.site == site and _is_static(entry))
 
 
 def _is_static(entry: Screened) -> bool:

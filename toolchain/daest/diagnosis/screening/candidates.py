@@ -54,7 +54,7 @@ def pairs(
 
     What flows to ground leaves the model: an effect between two nodes that would say
     the same as one of a single node is left out. So are signals inside, where there are too many."""
-    found: list[Candidate] = []
+    found, units = list[Candidate](), units or {}
     if sum(site.kind == "signal" for site in places) > MOST_INSIDE:
         places = [site for site in places if site.kind != "signal"]
     known = {effect.name for effect in effects}
@@ -71,10 +71,10 @@ def pairs(
             if not effect.inputs:
                 found.append(Candidate(effect, site, next(names)))
                 continue
-            feeding = driving if effect.is_of_driving else _fitting(effect, columns, units or {})
+            feeding = driving if effect.is_of_driving else _fitting(effect, columns, units)
             for column in feeding:
                 supply = {effect.inputs[0]: column}
-                unit = {effect.inputs[0]: units[column]} if units and column in units else {}
+                unit = {effect.inputs[0]: units[column]} if column in units else {}
                 found.append(Candidate(effect, site, next(names), {}, supply, unit))
     return tuple(found)
 

@@ -51,8 +51,7 @@ def attach(
 
     `values` are the values of the effect's parameters, in place of their start values; `inputs` maps its
     signal inputs to inputs of the model, which are made where they do not exist, with `input_units` as in
-    `Placement`. Raises ModelError:
-    `effect-fit`, `effect-present`, `effect-name`, `effect-parameter`.
+    `Placement`. Raises ModelError: `effect-fit`, `effect-present`, `effect-name`, `effect-parameter`.
 
         >>> from daest.modelica.places.sites import find_site
         >>> site = find_site(flat, "disc", effect)
@@ -716,7 +715,7 @@ class _Assembly:
 
 def supplied(unit: str, wanted: str) -> Conversion:
     """What makes of an input in a `unit` a signal in the `wanted` one; nothing where either is not known."""
-    return conversion(unit, wanted) if unit and wanted and is_of(unit, wanted) else Conversion()
+    return conversion(unit, wanted) if wanted and is_of(unit, wanted) else Conversion()
 
 
 def check_values(effect: Effect, values: Mapping[str, float]) -> None:

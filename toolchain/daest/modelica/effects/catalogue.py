@@ -202,10 +202,17 @@ def adds_a_ramp(effect: Effect) -> bool:
     return ca.depends_on(slope, time) and not ca.depends_on(slope, rest)
 
 
+def equations_of(effect: Effect) -> tuple[ca.SX, ...]:
+    """The residual of the equations of an effect, and what it is made of: derivatives, unknowns, noises,
+    parameters and the time."""
+    function = effect_model(effect).function
+    symbols = function.sx_in()
+    return function(*symbols)[0], *symbols
+
+
 def _slope(effect: Effect) -> tuple[ca.SX, ca.SX, ca.SX]:
     """What the equations of an effect change with its parameters, the time, and all else that they hold."""
-    derivatives, xi, w, theta, time = effect_model(effect).function.sx_in()
-    residual = effect_model(effect).function(derivatives, xi, w, theta, time)[0]
+    residual, derivatives, xi, w, theta, time = equations_of(effect)
     return ca.jacobian(residual, theta), time, ca.veccat(derivatives, xi, w, theta)
 
 

@@ -8,13 +8,16 @@ corrects every state first, x + K e with e = y measured - y, the matrix of the r
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from daest.model.linear import StateSpace, StateSpaceFamily
 from daest.numerics.exponential import (
+    CUBIC,
     STRAIGHT,
     TransitionIntegrals,
     transition_integral_derivatives,
@@ -61,89 +64,145 @@ class Gain:
 
 
 @dataclass(frozen=True)
-class AffineSteps:
-    """The steps over `period` [s] at one theta; `by_theta` and `change` are the derivatives of the matrices
-    and of their integrals by p parameters, with a leading axis of p."""
+class Steps(ABC):
+    """The steps of a model over a record at one theta, driven by `inputs` and corrected by the `gain`, if
+    any; `by_theta` are the derivatives of the matrices by p parameters, with a leading axis of p."""
 
     matrices: StateSpace
-    integrals: TransitionIntegrals
     by_theta: Mapping[str, np.ndarray]
-    change: TransitionIntegrals
+    inputs: DrivenBy
+    gain: Gain | None
 
-    def states(self, inputs: DrivenBy, x0: np.ndarray, gain: Gain | None) -> np.ndarray:
-        """Before the correction of each sample, (n_samples, n), from x0 (n,)."""
-        ss = self.matrices
-        drive = self._driven(self.integrals, ss.B, ss.b, inputs)
-        if gain is not None:
-            known = gain.measurements - inputs.sampled @ turned(ss.D) - ss.d
-            drive = drive + known[:-1] @ turned(self.integrals.transition @ gain.gain)
-        return linear_recursion(self._closed(gain), drive, x0)
+    def states(self, x0: np.ndarray) -> np.ndarray:
+        """Before the correction at the start of every step, and at the end: (n_steps + 1, n), from x0
+        (n,)."""
+        drive = self._driven()
+        if self.gain is not None:
+            ss = self.matrices
+            known = self.gain.measurements - self.inputs.sampled @ turned(ss.D) - ss.d
+            drive[self._begins] += self._fed_back(known[:-1], self.gain.gain)
+        return self._followed(drive, x0)
 
-    @staticmethod
-    def at_samples(states: np.ndarray) -> np.ndarray:
-        """The same states: every step leads from a sample to the next."""
-        return states
+    @abstractmethod
+    def at_samples(self, states: np.ndarray) -> np.ndarray:
+        """Those (..., n_samples, n) of `states` (..., n_steps + 1, n)."""
 
-    def outputs(self, states: np.ndarray, inputs: DrivenBy) -> np.ndarray:
+    def outputs(self, states: np.ndarray) -> np.ndarray:
         """(n_samples, n_y) of states (n_samples, n)."""
         ss = self.matrices
-        return states @ turned(ss.C) + inputs.sampled @ turned(ss.D) + ss.d
+        return states @ turned(ss.C) + self.inputs.sampled @ turned(ss.D) + ss.d
 
-    def slopes(
-        self, inputs: DrivenBy, states: np.ndarray, outputs: np.ndarray, gain: Gain | None
-    ) -> np.ndarray:
+    def slopes(self, states: np.ndarray, outputs: np.ndarray) -> np.ndarray:
         """∂y/∂(the p parameters, x0, the directions of the gain), (directions, n_samples, n_y), along states
-        (n_samples, n) with outputs (n_samples, n_y)."""
-        ss, by, (n_samples, n) = self.matrices, self.by_theta, states.shape
+        (n_steps + 1, n) with outputs (n_samples, n_y)."""
+        by, gain, n = self.by_theta, self.gain, states.shape[1]
         p, n_gain = by["A"].shape[0], 0 if gain is None else gain.slopes.shape[0]
-        error = None if gain is None else gain.measurements - outputs
-        ones = np.ones((n_samples, 1))
+        ones = np.ones((outputs.shape[0], 1))
         direct = np.concatenate([by["C"], by["D"], by["d"][:, :, None]], axis=2)
-        straight = np.hstack([states, inputs.sampled, ones]) @ turned(direct)
-        corrected = states if gain is None or error is None else states + error @ turned(gain.gain)
-        # What drives the parameters is one product with all signals of an interval beside each other.
-        signals = np.hstack([corrected[:-1], *inputs.courses, ones[1:]])
-        moves = [self.change.transition, *self._moved_by(inputs, by)]
-        drive = np.zeros((p + n + n_gain, n_samples - 1, n))
-        np.matmul(signals, turned(np.concatenate(moves, axis=2)), out=drive[:p])
-        if gain is not None and error is not None:
-            drive[:p] -= straight[:, :-1] @ turned(self.integrals.transition @ gain.gain)
-            drive[p + n :] = error[:-1] @ turned(self.integrals.transition @ gain.slopes)
+        straight = np.hstack([self.at_samples(states), self.inputs.sampled, ones]) @ turned(direct)
+        drive = np.zeros((p + n + n_gain, len(states) - 1, n))
+        begun = states[:-1]
+        if gain is None:
+            self._move(drive[:p], begun)
+        else:
+            error = gain.measurements - outputs
+            begun = begun.copy()
+            begun[self._begins] += (error @ turned(gain.gain))[:-1]
+            self._move(drive[:p], begun)
+            drive[:p, self._begins] -= self._fed_back(straight[:, :-1], gain.gain)
+            drive[p + n :, self._begins] = self._fed_back(error[:-1], gain.slopes)
         start = np.zeros((drive.shape[0], n))
         start[p : p + n] = np.eye(n)
-        found = linear_recursion(self._closed(gain), drive, start) @ turned(ss.C)
+        found = self.at_samples(self._followed(drive, start)) @ turned(self.matrices.C)
         found[:p] += straight
         return found
 
-    def _moved_by(self, inputs: DrivenBy, by: Mapping[str, np.ndarray]) -> list[np.ndarray]:
+    @property
+    @abstractmethod
+    def _begins(self) -> slice | np.ndarray:
+        """The steps that a sample begins."""
+
+    @abstractmethod
+    def _driven(self) -> np.ndarray:
+        """What the inputs and the offset add to the state over every step, (n_steps, n)."""
+
+    @abstractmethod
+    def _fed_back(self, errors: np.ndarray, gain: np.ndarray) -> np.ndarray:
+        """What errors (..., n_samples - 1, n_y) add to the state over the steps that samples begin, by a gain
+        (..., n, n_y)."""
+
+    @abstractmethod
+    def _move(self, drive: np.ndarray, begun: np.ndarray) -> None:
+        """Put what the parameters change over every step into `drive` (p, n_steps, n), along the corrected
+        states that the steps are `begun` with (n_steps, n)."""
+
+    @abstractmethod
+    def _followed(self, drive: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """The states (..., n_steps + 1, n) of the corrected recursion under a drive (..., n_steps, n)."""
+
+
+@dataclass(frozen=True)
+class AffineSteps(Steps):
+    """Steps that are all of one length; `change` are the derivatives of the `integrals` by p parameters, with
+    a leading axis of p."""
+
+    integrals: TransitionIntegrals
+    change: TransitionIntegrals
+
+    def at_samples(self, states: np.ndarray) -> np.ndarray:
+        """The same states: every step leads from a sample to the next."""
+        return states
+
+    @property
+    def _begins(self) -> slice:
+        return slice(None)
+
+    def _driven(self) -> np.ndarray:
+        """I (B u0 + b) + R B (u1 - u0) and what bends add."""
+        ss, now = self.matrices, self.integrals
+        offset = (now.first @ ss.b[:, None])[:, 0]
+        pairs = zip(self.inputs.courses, self.inputs.weights(now), strict=True)
+        return np.asarray(sum((u @ turned(held @ ss.B) for u, held in pairs), offset))
+
+    def _fed_back(self, errors: np.ndarray, gain: np.ndarray) -> np.ndarray:
+        return errors @ turned(self.integrals.transition @ gain)
+
+    def _move(self, drive: np.ndarray, begun: np.ndarray) -> None:
+        # One product with all signals of an interval beside each other.
+        signals = np.hstack([begun, *self.inputs.courses, np.ones((len(begun), 1))])
+        moves = [self.change.transition, *self._moved_by()]
+        np.matmul(signals, turned(np.concatenate(moves, axis=2)), out=drive)
+
+    def _moved_by(self) -> list[np.ndarray]:
         """Derivatives, with a leading axis of p, of what each of the courses of the inputs, and then the
         offset, adds to the state."""
-        ss, now, change = self.matrices, self.integrals, self.change
-        pairs = zip(inputs.weights(change), inputs.weights(now), strict=True)
+        ss, by, now, change = self.matrices, self.by_theta, self.integrals, self.change
+        pairs = zip(self.inputs.weights(change), self.inputs.weights(now), strict=True)
         offset = change.first @ ss.b[:, None] + now.first @ by["b"][:, :, None]
         return [*(moved @ ss.B + held @ by["B"] for moved, held in pairs), offset]
 
-    def _closed(self, gain: Gain | None) -> np.ndarray:
+    def _followed(self, drive: np.ndarray, start: np.ndarray) -> np.ndarray:
+        return linear_recursion(self._closed, drive, start)
+
+    @cached_property
+    def _closed(self) -> np.ndarray:
         """Φ (1 - K C)."""
         Phi = self.integrals.transition
-        return Phi if gain is None else Phi - Phi @ gain.gain @ self.matrices.C
-
-    @staticmethod
-    def _driven(integrals: TransitionIntegrals, B: np.ndarray, b: np.ndarray, inputs: DrivenBy) -> np.ndarray:
-        """I (B u0 + b) + R B (u1 - u0) and what bends add, (..., n_steps, n), linear in the integrals and in
-        (B, b): either may have a leading axis of derivatives."""
-        offset = (integrals.first @ b[..., None])[..., 0]
-        pairs = zip(inputs.courses, inputs.weights(integrals), strict=True)
-        return np.asarray(sum((u @ turned(held @ B) for u, held in pairs), offset[..., None, :]))
+        return Phi if self.gain is None else Phi - Phi @ self.gain.gain @ self.matrices.C
 
 
 def affine_steps(
-    family: StateSpaceFamily, theta: np.ndarray, names: Sequence[str], period: float, count: int = STRAIGHT
+    family: StateSpaceFamily,
+    theta: np.ndarray,
+    names: Sequence[str],
+    period: float,
+    inputs: DrivenBy,
+    gain: Gain | None,
 ) -> AffineSteps:
-    """The steps at theta (n_theta,) with derivatives by the parameters `names`; not finite where the rates
-    are beyond all numbers. `count`: integrals that the inputs take, STRAIGHT or CUBIC."""
-    ss = state_space(family, theta)
+    """The steps of one `period` [s] at theta (n_theta,) with derivatives by the parameters `names`; not
+    finite where the rates are beyond all numbers."""
+    ss, count = state_space(family, theta), STRAIGHT if inputs.bent is None else CUBIC
     by_theta = state_space_derivatives(family, theta, names)
     integrals = transition_integrals(ss.A, period, count)
     change = transition_integral_derivatives(ss.A, by_theta["A"], period, count)
-    return AffineSteps(ss, integrals, by_theta, change)
+    return AffineSteps(ss, by_theta, inputs, gain, integrals, change)

@@ -7,17 +7,17 @@ into equal parts whose lengths are near each other; inputs run on straight lines
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from daest.model.linear import StateSpace, StateSpaceFamily
+from daest.model.linear import StateSpaceFamily
 from daest.numerics.exponential import Beside, beside
 from daest.numerics.recursions import varying_recursion
 from daest.numerics.tables import turned
-from daest.systems.linear.affine_steps import DrivenBy, Gain
+from daest.systems.linear.affine_steps import DrivenBy, Gain, Steps
 from daest.systems.linear.state_space import state_space, state_space_derivatives
 
 MOST_PARTS = 40  # of an interval on the average: with more, adaptive steps are as few
@@ -28,59 +28,14 @@ FAST = 1.0  # |λ| times an interval, below which adaptive steps take few per sa
 
 
 @dataclass(frozen=True)
-class UnevenSteps:
-    """The steps over intervals that are cut into `counts` (n_samples - 1,) parts each, at one theta;
-    `by_theta` are the derivatives of the matrices by p parameters, with a leading axis of p."""
+class UnevenSteps(Steps):
+    """Steps over the parts of intervals, of which each is cut into `counts` (n_samples - 1,)."""
 
-    matrices: StateSpace
-    by_theta: Mapping[str, np.ndarray]
     counts: np.ndarray
     near: Beside  # the lengths of the parts of every interval
 
-    def states(self, inputs: DrivenBy, x0: np.ndarray, gain: Gain | None) -> np.ndarray:
-        """Before the correction of each sample and at the start of all other parts, (n_parts + 1, n), from x0
-        (n,)."""
-        drive = self._integrated(self._signals(inputs))
-        if gain is not None:
-            ss = self.matrices
-            known = gain.measurements - inputs.sampled @ turned(ss.D) - ss.d
-            drive[self._begins] += self._through(known[:-1] @ turned(gain.gain))
-        return varying_recursion(self._closed(gain), drive[None], x0)[0]
-
     def at_samples(self, states: np.ndarray) -> np.ndarray:
-        """Those (..., n_samples, n) of the states at the starts of all parts (..., n_parts + 1, n)."""
         return states[..., self._samples, :]
-
-    def outputs(self, states: np.ndarray, inputs: DrivenBy) -> np.ndarray:
-        """(n_samples, n_y) of states (n_samples, n)."""
-        ss = self.matrices
-        return states @ turned(ss.C) + inputs.sampled @ turned(ss.D) + ss.d
-
-    def slopes(
-        self, inputs: DrivenBy, states: np.ndarray, outputs: np.ndarray, gain: Gain | None
-    ) -> np.ndarray:
-        """∂y/∂(the p parameters, x0, the directions of the gain), (directions, n_samples, n_y), along states
-        (n_parts + 1, n) with outputs (n_samples, n_y)."""
-        ss, by, n = self.matrices, self.by_theta, states.shape[1]
-        p, n_gain = by["A"].shape[0], 0 if gain is None else gain.slopes.shape[0]
-        ones = np.ones((outputs.shape[0], 1))
-        direct = np.concatenate([by["C"], by["D"], by["d"][:, :, None]], axis=2)
-        straight = np.hstack([self.at_samples(states), inputs.sampled, ones]) @ turned(direct)
-        drive = np.zeros((p + n + n_gain, len(states) - 1, n))
-        begun = states[:-1].copy()
-        if gain is not None:
-            error = gain.measurements - outputs
-            begun[self._begins] += error[:-1] @ turned(gain.gain)
-            drive[:p, self._begins] -= self._through(straight[:, :-1] @ turned(gain.gain))
-            drive[p + n :, self._begins] = self._through(error[:-1] @ turned(gain.slopes))
-        drive[:p] += self._moved(np.hstack([begun, self._signals(inputs)]))
-        drive[:p] += self._integrated(self._changed_signals(inputs))
-        start = np.zeros((drive.shape[0], n))
-        start[p : p + n] = np.eye(n)
-        found = varying_recursion(self._closed(gain), drive, start)
-        result = self.at_samples(found) @ turned(ss.C)
-        result[:p] += straight
-        return result
 
     @cached_property
     def _samples(self) -> np.ndarray:
@@ -89,53 +44,42 @@ class UnevenSteps:
 
     @property
     def _begins(self) -> np.ndarray:
-        """Those of the parts that a sample begins."""
         return self._samples[:-1]
 
     @cached_property
     def _tops(self) -> np.ndarray:
         """Φ and its two integrals beside each other for the parts of every interval, (n_samples - 1, n,
         3 n)."""
-        rows = self.near.rows
-        return np.asarray(self.near.powers @ rows.reshape(len(rows), -1)).reshape(-1, *rows.shape[1:])
-
-    def _closed(self, gain: Gain | None) -> np.ndarray:
-        """Φ (n_parts, n, n), at samples Φ (1 - K C)."""
-        n = self.matrices.A.shape[0]
-        Phi = np.repeat(self._tops[:, :, :n], self.counts, axis=0)
-        if gain is not None:
-            Phi[self._begins] -= Phi[self._begins] @ gain.gain @ self.matrices.C
-        return Phi
-
-    def _through(self, states: np.ndarray) -> np.ndarray:
-        """Φ of the parts that samples begin times states (..., n_samples - 1, n) there."""
-        Phi = self._tops[:, :, : self.matrices.A.shape[0]]
-        return np.asarray((Phi @ states[..., None])[..., 0])
-
-    def _courses(self, inputs: DrivenBy) -> tuple[np.ndarray, np.ndarray]:
-        """The inputs at the start of every part and their rise over it, both (n_parts, n_ū)."""
-        rise = np.repeat((inputs.end - inputs.start) / self.counts[:, None], self.counts, axis=0)
-        number = np.arange(len(rise)) - np.repeat(self._begins, self.counts)
-        return np.repeat(inputs.start, self.counts, axis=0) + number[:, None] * rise, rise
+        return self.near.summed(self.near.rows)
 
     @property
-    def _weights(self) -> np.ndarray:
-        """Those of `Beside` at every part, (n_parts, 2)."""
-        return np.repeat(self.near.weights, self.counts, axis=0)
+    def _transitions(self) -> np.ndarray:
+        """Φ for the parts of every interval, (n_samples - 1, n, n)."""
+        return self._tops[:, :, : self.matrices.A.shape[0]]
 
-    def _signals(self, inputs: DrivenBy) -> np.ndarray:
-        """What the integrals are multiplied by at every part, (n_parts, 2 n)."""
-        ss, weights = self.matrices, self._weights
-        start, rise = self._courses(inputs)
-        held, risen = start @ turned(ss.B) + ss.b, rise @ turned(ss.B)
-        return np.hstack([weights[:, :1] * held, weights[:, 1:2] * risen])
+    @cached_property
+    def _courses(self) -> tuple[np.ndarray, np.ndarray]:
+        """The inputs at the start of every part and their rise over it, both (n_parts, n_ū)."""
+        inputs, counts = self.inputs, self.counts
+        rise = np.repeat((inputs.end - inputs.start) / counts[:, None], counts, axis=0)
+        number = np.arange(len(rise)) - np.repeat(self._begins, counts)
+        return np.repeat(inputs.start, counts, axis=0) + number[:, None] * rise, rise
 
-    def _changed_signals(self, inputs: DrivenBy) -> np.ndarray:
-        """The derivatives (p, n_parts, 2 n) of `_signals` by the parameters."""
-        by, weights = self.by_theta, self._weights
-        start, rise = self._courses(inputs)
-        held, risen = start @ turned(by["B"]) + by["b"][:, None, :], rise @ turned(by["B"])
-        return np.concatenate([weights[:, :1] * held, weights[:, 1:2] * risen], axis=2)
+    def _weighted(self, B: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """What the integrals are multiplied by at every part, (..., n_parts, 2 n), linear in B (..., n, n_ū)
+        and b (..., n)."""
+        weights = np.repeat(self.near.weights, self.counts, axis=0)
+        start, rise = self._courses
+        held, risen = start @ turned(B) + b[..., None, :], rise @ turned(B)
+        return np.concatenate([weights[:, :1] * held, weights[:, 1:2] * risen], axis=-1)
+
+    @cached_property
+    def _signals(self) -> np.ndarray:
+        """Those of the model at theta, (n_parts, 2 n)."""
+        return self._weighted(self.matrices.B, self.matrices.b)
+
+    def _driven(self) -> np.ndarray:
+        return self._integrated(self._signals)
 
     def _integrated(self, signals: np.ndarray) -> np.ndarray:
         """The integrals of every part times signals (..., n_parts, 2 n)."""
@@ -145,20 +89,21 @@ class UnevenSteps:
             found[..., parts, :] = signals[..., parts, :] @ turned(tops[intervals, :, n:])
         return found
 
-    def _moved(self, signals: np.ndarray) -> np.ndarray:
-        """The derivatives of Φ and of the integrals by the parameters times signals (n_parts, 3 n), (p,
-        n_parts, n)."""
+    def _fed_back(self, errors: np.ndarray, gain: np.ndarray) -> np.ndarray:
+        return np.asarray((self._transitions @ (errors @ turned(gain))[..., None])[..., 0])
+
+    def _move(self, drive: np.ndarray, begun: np.ndarray) -> None:
+        signals = np.hstack([begun, self._signals])
         changes, powers = self.near.row_derivatives(self.by_theta["A"]), self.near.powers
-        terms, p, n = changes.shape[:3]
-        found = np.empty((len(signals), p * n))
-        n_at_once = max(AT_ONCE // max(p * n * 3 * n, 1), 1)
+        _, p, n, width = changes.shape
+        n_at_once = max(AT_ONCE // max(p * n * width, 1), 1)
         for first in range(0, len(powers), n_at_once):
             last = min(first + n_at_once, len(powers))
-            moved = powers[first:last] @ changes.reshape(terms, p * n * 3 * n)
-            moved = moved.reshape(last - first, p * n, 3 * n)
+            moved = self.near.summed(changes, powers[first:last]).reshape(last - first, p * n, width)
             for intervals, parts in self._alike(first, last):
-                found[parts] = signals[parts] @ turned(moved[intervals - first])
-        return found.reshape(len(signals), p, n).transpose(1, 0, 2)
+                found = signals[parts] @ turned(moved[intervals - first])
+                drive[:, parts] = np.moveaxis(found.reshape(*parts.shape, p, n), 2, 0)
+        drive += self._integrated(self._weighted(self.by_theta["B"], self.by_theta["b"]))
 
     def _alike(self, first: int, last: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Of the intervals from `first` to `last` those that have as many parts, (k,), and these, (k, n)."""
@@ -167,13 +112,30 @@ class UnevenSteps:
             intervals = first + np.flatnonzero(counts == count)
             yield intervals, self._begins[intervals][:, None] + np.arange(count)
 
+    def _followed(self, drive: np.ndarray, start: np.ndarray) -> np.ndarray:
+        states = varying_recursion(self._closed, drive.reshape(-1, *drive.shape[-2:]), start)
+        return states.reshape(*drive.shape[:-2], *states.shape[1:])
+
+    @cached_property
+    def _closed(self) -> np.ndarray:
+        """Φ (n_parts, n, n), at samples Φ (1 - K C)."""
+        Phi = np.repeat(self._transitions, self.counts, axis=0)
+        if self.gain is not None:
+            Phi[self._begins] -= Phi[self._begins] @ self.gain.gain @ self.matrices.C
+        return Phi
+
 
 def uneven_steps(
-    family: StateSpaceFamily, theta: np.ndarray, names: Sequence[str], intervals: np.ndarray
+    family: StateSpaceFamily,
+    theta: np.ndarray,
+    names: Sequence[str],
+    intervals: np.ndarray,
+    inputs: DrivenBy,
+    gain: Gain | None,
 ) -> UnevenSteps | None:
     """The steps over `intervals` (n_samples - 1,) [s] at theta (n_theta,) with derivatives by the parameters
     `names`; None where the model moves so slowly that adaptive steps cost less, or so fast, or has so many
-    states, that these would be too many."""
+    states, that these would be too many. The inputs have no bends."""
     ss = state_space(family, theta)
     n, most, length = ss.A.shape[0], MOST_PARTS * intervals.size, float(np.median(intervals))
     if not np.all(np.isfinite(ss.A)) or np.max(np.abs(np.linalg.eigvals(ss.A))) * length < FAST:
@@ -184,6 +146,7 @@ def uneven_steps(
             return None
         near = beside(ss.A, intervals / counts)
         if near is not None:
-            return UnevenSteps(ss, state_space_derivatives(family, theta, names), counts, near)
+            by_theta = state_space_derivatives(family, theta, names)
+            return UnevenSteps(ss, by_theta, inputs, gain, counts, near)
         length /= 2.0
     return None

@@ -35,7 +35,6 @@ from daest.numerics.compiler import (
     processor_flags,
     text_of,
 )
-from daest.numerics.exponential import CUBIC, STRAIGHT
 from daest.numerics.generated import generated
 from daest.numerics.projection import pull
 from daest.numerics.watched import watched
@@ -50,10 +49,10 @@ from daest.systems.events.integration import (
     Trajectory,
     are_alike,
 )
-from daest.systems.linear.affine_steps import AffineSteps, DrivenBy, Gain, affine_steps
+from daest.systems.linear.affine_steps import DrivenBy, Gain, Steps, affine_steps
 from daest.systems.linear.linearize import has_affine_dynamics
 from daest.systems.linear.state_space import family_without_variables, stacked_inputs
-from daest.systems.linear.uneven_steps import UnevenSteps, uneven_steps
+from daest.systems.linear.uneven_steps import uneven_steps
 from daest.systems.reduction.input_slopes import refuse_derivatives
 from daest.systems.simulation.chain_runs import RunsBesideChain, have_driven_chain
 from daest.systems.simulation.driven_chain import DrivenChain, driven_chain, rest_functions
@@ -818,26 +817,25 @@ def _has_equal_steps(time: np.ndarray) -> bool:
     return bool(np.ptp(intervals) <= SOLVER.equal_steps * intervals.mean())
 
 
-def _exact_steps(model: AffineIntegrator, run: Run) -> AffineSteps | UnevenSteps | None:
-    """The steps of a run; None where there would be too many."""
-    names = model.names[: run.by_parameter]
-    if not _has_equal_steps(run.time):
-        return uneven_steps(model.family, run.theta, names, np.diff(run.time))
-    period = float(run.time[-1] - run.time[0]) / (run.time.size - 1)
-    return affine_steps(model.family, run.theta, names, period, STRAIGHT if run.bent is None else CUBIC)
-
-
-def _run_exactly(steps: AffineSteps | UnevenSteps, run: Run) -> Trajectory:
+def _exact_steps(model: AffineIntegrator, run: Run) -> Steps | None:
+    """The steps of a run; None where adaptive ones cost less."""
+    names, given = model.names[: run.by_parameter], run.correction
     inputs = DrivenBy(run.u0, run.u1, np.vstack([run.u0, run.u_last]), run.bent)
-    given = run.correction
     gain = None if given is None else Gain(given.measurements, given.gain, given.slopes)
+    if not _has_equal_steps(run.time):
+        return uneven_steps(model.family, run.theta, names, np.diff(run.time), inputs, gain)
+    period = float(run.time[-1] - run.time[0]) / (run.time.size - 1)
+    return affine_steps(model.family, run.theta, names, period, inputs, gain)
+
+
+def _run_exactly(steps: Steps, run: Run) -> Trajectory:
     with np.errstate(over="ignore", invalid="ignore"):
-        along = steps.states(inputs, run.x0, gain)
+        along = steps.states(run.x0)
         states = steps.at_samples(along)
-        outputs = steps.outputs(states, inputs)
+        outputs = steps.outputs(states)
         if not (np.all(np.isfinite(states)) and np.all(np.isfinite(outputs))):
             raise IntegrationError(FAILURES[3], float(run.time[0]))
-        slopes = steps.slopes(inputs, along, outputs, gain) if run.directions else None
+        slopes = steps.slopes(along, outputs) if run.directions else None
     n, n_y = outputs.shape
     sens = np.empty((n, n_y, 0)) if slopes is None else slopes.transpose(1, 2, 0)
     return Trajectory(states, outputs, sens, n - 1)
