@@ -250,3 +250,22 @@ end Roots;
 def test_places_are_told_apart_where_slopes_are_infinite_at_the_start() -> None:
     flat = compile_text(ROOTS, Path("Roots.mo"))
     assert [p.names for p in load_places(flat, load_sites(flat))] == [("0:p1",), ("1:p2",)]
+
+
+def test_a_pressure_that_moves_a_liquid_may_be_a_load():
+    """A pipe with inertia takes unknown pressures as a body does forces; one without has no motion."""
+    text = """model Line
+  parameter Real L(unit="kg/m4") = 3.2e8;
+  parameter Real R(unit="Pa.s/m3") = 4e7;
+  parameter Real C(unit="m3/Pa") = 3e-7;
+  input Real pp(unit="Pa");
+  output Real q(unit="m3/s");
+  output Real p(unit="Pa");
+equation
+  %s = pp - p - R*q;
+  C*der(p) = q;
+end Line;"""
+    moving, still = (compile_text((text % left).encode(), Path("Line.mo")) for left in ("L*der(q)", "0"))
+    assert [site.name for site in load_sites(moving)] == ["1:p", "0:q"]
+    assert [site.name for site in load_sites(still)] == ["1:p"]
+    assert [place.unit for place in load_places(moving, load_sites(moving))] == ["m3/s", "Pa"]

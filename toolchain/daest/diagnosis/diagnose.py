@@ -35,7 +35,14 @@ from daest.diagnosis.recordings.holds import (
     unsettled_hold,
 )
 from daest.diagnosis.refits.elsewhere import ELSEWHERE, is_apart, led_elsewhere
-from daest.diagnosis.refits.held_back import lag_instead, lags_in_the_way, told_beside, with_lag
+from daest.diagnosis.refits.held_back import (
+    is_seen_beside,
+    lag_instead,
+    lags_in_the_way,
+    laws_in_the_way,
+    told_beside,
+    with_lag,
+)
 from daest.diagnosis.refits.rounds import accept
 from daest.diagnosis.without_equations.black_box import diagnose_black_box
 from daest.diagnosis.without_equations.switching import diagnose_switching
@@ -109,7 +116,7 @@ def _from_inside(
         other: DiagnoseOptions, there: Stand, its_limits: tuple[Proof, ...], wants_law: bool = False
     ) -> tuple[Sequence[Proof], Diagnosis]:
         second = examine(there, library, other, progress, wants_law=wants_law)
-        second = _behind_a_lag(there, second, library, other, progress) or second
+        second = _beside_another(there, second, library, other, progress) or second
         return second.proofs, told_whole(second, there, its_limits)
 
     def again(other: DiagnoseOptions, wants_law: bool = False) -> tuple[Sequence[Proof], Diagnosis]:
@@ -134,7 +141,7 @@ def _from_inside(
         proofs, told = again(replace(options, slowest_load=limit, near=known_values(asis.null.fit)))
         if says_as_much_as_starts(stand.null, proofs):
             return told
-    beside = _behind_a_lag(stand, found, library, options, progress)
+    beside = _beside_another(stand, found, library, options, progress)
     if beside is not None:
         return told_whole(beside, stand, limits)
     elsewhere = led_elsewhere(stand, found, options)
@@ -155,28 +162,34 @@ def _from_inside(
     return told if is_second else told_whole(found, stand, limits)
 
 
-def _behind_a_lag(
+def _beside_another(
     stand: Stand,
     found: Diagnosis,
     library: Sequence[Effect],
     options: DiagnoseOptions,
     progress: Progress,
 ) -> Diagnosis | None:
-    """The diagnosis once more beside a lag of a sensor that holds a law back; None where there is none, or
-    nothing is accepted there either."""
+    """The diagnosis once more beside a lag of a sensor, or a law, that holds another law back; None where
+    there is none, or nothing is accepted there either."""
 
-    def examined(lag: Proof) -> Diagnosis | None:
-        progress(f"looking once more, with {lag.candidate.label} in the model")
+    def examined(first: Proof) -> Diagnosis | None:
+        progress(f"looking once more, with {first.candidate.label} in the model")
         try:
-            beside = accept(stand, lag, options.jobs)
+            beside = accept(stand, first, options.jobs)
         except FAILURES:
             return None
         second = examine(beside, library, options, progress, wants_law=True)
-        return with_lag(second, told_beside(lag, stand, beside), stand, found)
+        return with_lag(second, told_beside(first, stand, beside), stand, found)
 
     lags = lags_in_the_way(found)
-    if not lags or options.is_over:
+    if options.is_over:
         return None
+    if not lags:
+        laws = laws_in_the_way(found)
+        second = examined(laws[0]) if laws else None
+        if second is None or not is_seen_beside(stand, laws[0], second.proofs[0], options.jobs):
+            return None
+        return second
     second = examined(lags[0])
     if second is None:
         return None

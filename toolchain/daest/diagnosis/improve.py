@@ -13,15 +13,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daest.diagnosis.answers.held_values import in_project
+from daest.diagnosis.answers.held_values import in_project, other_value
 from daest.diagnosis.answers.told_beside import held_told, limit_told
 from daest.diagnosis.built_in.certainty import certainty_of
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.built_in.trials import SHARPER, Trial
 from daest.diagnosis.diagnose import switching_case
 from daest.diagnosis.evidence.load_starts import QUICK, says_as_much_as_starts
+from daest.diagnosis.evidence.proof import bic_gain
 from daest.diagnosis.evidence.reasons import not_determined, unmoved
-from daest.diagnosis.evidence.stand import Stand, begin, halved, limited
+from daest.diagnosis.evidence.stand import Stand, begin, halved, limited, quiet
 from daest.diagnosis.evidence.unseen import is_better, is_likelier, is_worse
 from daest.diagnosis.examine import examine
 from daest.diagnosis.gates import GATES
@@ -38,10 +39,17 @@ from daest.diagnosis.recordings.holds import (
     unsettled_hold,
 )
 from daest.diagnosis.refits.elsewhere import ELSEWHERE, is_apart, led_elsewhere
-from daest.diagnosis.refits.held_back import foresees_no_better, lag_instead, lags_in_the_way, told_beside
+from daest.diagnosis.refits.held_back import (
+    foresees_no_better,
+    is_seen_beside,
+    lag_instead,
+    lags_in_the_way,
+    laws_in_the_way,
+    told_beside,
+)
 from daest.diagnosis.refits.rounds import accept, gains_beside, proved_again, proved_beside, with_kinks
 from daest.diagnosis.screening.candidates import fed
-from daest.diagnosis.screening.screen import promising_pairs
+from daest.diagnosis.screening.screen import promising_pairs, run_null
 from daest.diagnosis.without_equations.switching import diagnose_switching
 from daest.errors import EstimationError
 from daest.estimation.fitting.records import n_observed
@@ -349,8 +357,8 @@ def _continued(task: _Task, path: _Path) -> list[_Path]:
         other = _exchanged(task, path, diagnosis) or _with_pair(task, path, diagnosis)
         if other is not None:
             return [other]
-        return _beside_lag(task, path, diagnosis) or [path.ended(diagnosis, diagnosis.message)]
-    beside = _beside_lag(task, path, diagnosis)
+        return _beside_another(task, path, diagnosis) or [path.ended(diagnosis, diagnosis.message)]
+    beside = _beside_another(task, path, diagnosis)
     if beside:
         return beside
     if all(proof.candidate.is_of_parameter for proof in accepted):
@@ -496,7 +504,7 @@ def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
     except (*FAILURES, OutOfTimeError):
         return None
     first, beside, last = found
-    if not _helps(path.stand.told, last):
+    if not _helps(path.stand.told, last) or _value_says_as_much(path.stand, first, last):
         return None
     told = replace(first, verdict="supported", reason="")
     steps = (
@@ -507,6 +515,18 @@ def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
     return _Path(accept(beside, last, task.options.jobs), (*path.steps, *steps))
 
 
+def _value_says_as_much(stand: Stand, first: Proof, last: Proof) -> bool:
+    """Whether another value than one that is given makes the model of `stand` as likely as two effects do: an
+    inertia that is 2 % off is two gains of the pressures before and behind it."""
+    null = stand.null
+    n_own = first.candidate.n_unknowns + last.candidate.n_unknowns
+    gain = bic_gain(last.fit.log_likelihood - stand.baseline.log_likelihood, n_own, null)
+    with suppress(*FAILURES), quiet():
+        other = other_value(stand, run_null(null))
+        return other is not None and other.delta_bic > gain - GATES.same_bic
+    return False
+
+
 def _parts_of_a_sum(diagnosis: Diagnosis) -> list[tuple[Screened, Screened]]:
     """The two laws for which a rejected one stood that is their sum, as the screen has them; none where there
     is no such."""
@@ -515,38 +535,52 @@ def _parts_of_a_sum(diagnosis: Diagnosis) -> list[tuple[Screened, Screened]]:
     return [(entries[one], entries[other]) for one, other in sums if {one, other} <= entries.keys()]
 
 
-def _beside_lag(task: _Task, path: _Path, diagnosis: Diagnosis) -> list[_Path]:
-    """The paths with a lag of a sensor and with what is accepted beside it; none where no lag holds a law
-    back, or where one is in the model already that holds nothing back: two unproven lags, which trade with
-    each other, let almost any law in."""
-    lags = lags_in_the_way(diagnosis)
+def _beside_another(task: _Task, path: _Path, diagnosis: Diagnosis) -> list[_Path]:
+    """The paths with a lag of a sensor, or another law, and with what is accepted beside it; none where none
+    holds a law back, or where one is in the model already that holds nothing back: two unproven lags, which
+    trade with each other, let almost any law in."""
     if (
-        not lags
-        or path.steps[-1].is_unproven
+        path.steps[-1].is_unproven
         or task.options.is_over
         or len(path.steps) - len(task.first) + 2 > task.most_effects
     ):
         return []
-    grown = _with_lag(task, path, diagnosis, lags[0])
+    lags = lags_in_the_way(diagnosis)
+    if not lags:
+        return _with_first(task, path, diagnosis, laws_in_the_way(diagnosis)[:1])
+    grown = _with_unproven(task, path, diagnosis, lags[0])
     law = grown[0].steps[len(path.steps) + 1].proof if grown else None
     if law is not None and not task.options.is_over:
         other = lag_instead(path.stand, lags[1:], law, task.options)
         if other is not None:
-            grown = _with_lag(task, path, diagnosis, other) or grown
+            grown = _with_unproven(task, path, diagnosis, other) or grown
     return grown
 
 
-def _with_lag(task: _Task, path: _Path, diagnosis: Diagnosis, lag: Proof) -> list[_Path]:
-    """The paths with the lag and with what is accepted beside it; none where nothing is."""
+def _with_first(task: _Task, path: _Path, diagnosis: Diagnosis, laws: Sequence[Proof]) -> list[_Path]:
+    """The paths with the first of `laws` that were refused alone, and with what is accepted beside it, beside
+    which it is accepted, too; none where there are none."""
+    found = []
+    for law in laws:
+        for grown in _with_unproven(task, path, diagnosis, law):
+            last = grown.steps[len(path.steps) + 1].proof
+            if last is not None and is_seen_beside(path.stand, law, last, task.options.jobs):
+                found.append(grown)
+    return found
+
+
+def _with_unproven(task: _Task, path: _Path, diagnosis: Diagnosis, first: Proof) -> list[_Path]:
+    """The paths with a law that shows together with others alone, and with what is accepted beside it; none
+    where nothing is."""
     try:
-        beside = accept(path.stand, lag, task.options.jobs)
+        beside = accept(path.stand, first, task.options.jobs)
     except FAILURES:
         return []
-    told = told_beside(lag, path.stand, beside)
+    told = told_beside(first, path.stand, beside)
     step = Step(told, told.told, diagnosis, "only together with what follows", is_unproven=True)
     grown = _continued(task, _Path(beside, (*path.steps, step)))
-    n_lag = len(path.steps) + 1
-    laws = [(one, one.steps[n_lag].proof) for one in grown if len(one.steps) > n_lag]
+    n_before = len(path.steps) + 1
+    laws = [(one, one.steps[n_before].proof) for one in grown if len(one.steps) > n_before]
     return [one for one, law in laws if law is None or not foresees_no_better(law, diagnosis)]
 
 

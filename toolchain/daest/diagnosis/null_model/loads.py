@@ -54,9 +54,9 @@ class LoadPlace:
 
 
 def load_sites(flat: FlatModel) -> list[Site]:
-    """Where unknown loads may act: at nodes and balances of a physical domain and at those of stuff; in a
-    model that has none of them, a circuit of one loop say, in its meshes, and where no unit tells a domain,
-    in any balance."""
+    """Where unknown loads may act: at nodes and balances of a physical domain and at those of stuff, and
+    where a pressure moves a liquid; in a model that has none of them, a circuit of one loop say, in its
+    meshes, and where no unit tells a domain, in any balance."""
     known = sites(flat)
     stuff = {one.name(flat) for one in balances(flat) if one.is_amount(flat) and _is_of_stuff(flat, one)}
     flows = [
@@ -65,7 +65,15 @@ def load_sites(flat: FlatModel) -> list[Site]:
         if site.kind in ("node", "equation") and (site.domain != "amount" or site.name in stuff)
     ]
     loops = [site for site in known if site.kind == "mesh" and site.domain == "electrical"]
-    return flows or loops or untold_balances(flat)
+    heads = [
+        site for site in known if site.kind == "mesh" and site.domain == "hydraulic" and _moves(flat, site)
+    ]
+    return [*flows, *heads] or loops or untold_balances(flat)
+
+
+def _moves(flat: FlatModel, site: Site) -> bool:
+    """Whether the equation of a place is one of motion: a liquid has inertia there."""
+    return any(bool(ca.depends_on(flat.residual[row], flat.derivatives)) for row in _rows(flat, site))
 
 
 def _is_of_stuff(flat: FlatModel, balance: Balance) -> bool:

@@ -1,9 +1,13 @@
-"""Laws that a lag of a sensor holds back.
+"""Laws that a lag of a sensor, or another law, holds back.
 
 A speed that a controller forms from differences of an encoder comes some samples late. An unknown load takes
 this error for a force; a law in place of that load foresees the next samples worse, however right it is, and
 the lag alone foresees later ones worse for want of the law. Both are refused, although each would stand
 beside the other. What is missing is then looked for once more, with the lag in the model.
+
+So is it with two laws of which one spoils what the other simulates: what takes most of a load, and makes the
+recordings far likelier than all that is accepted, may be of no certain size without loads, since a constant
+that is missing as well is simulated by it.
 """
 
 from __future__ import annotations
@@ -65,6 +69,46 @@ def lags_in_the_way(found: Diagnosis) -> list[Proof]:
     return sorted(
         (p for p in likely if p.candidate.effect.n_states == fewest), key=lambda p: p.delta_bic, reverse=True
     )
+
+
+def laws_in_the_way(found: Diagnosis) -> list[Proof]:
+    """The refused laws, the likeliest first, that take most of the load, with a size that is certain beside
+    loads, and against which nothing speaks but that it is not certain without them; empty where something is
+    accepted that is as likely, or leaves no errors."""
+    proofs = [p for p in found.proofs if not p.candidate.is_of_parameter]
+    accepted = [p for p in found.proofs if p.verdict != "rejected"]
+    if not all(_leaves_errors(p) for p in accepted):
+        return []
+    least = max((p.delta_bic for p in accepted), default=0.0) + GATES.min_told_bic_gain
+    return sorted(
+        (
+            p
+            for p in proofs
+            if p.verdict == "rejected"
+            and (p.is_vague or p.is_open)
+            and not p.candidate.is_dynamic
+            and not p.is_by_use
+            and p.delta_bic > least
+            and p.explained >= GATES.min_explained
+            and _is_certain_beside_loads(p)
+        ),
+        key=lambda p: p.delta_bic,
+        reverse=True,
+    )
+
+
+def is_seen_beside(stand: Stand, first: Proof, last: Proof, jobs: int) -> bool:
+    """Whether a law that was refused in the model of `stand`, the `first`, is accepted there beside the
+    `last`, which was accepted beside it."""
+    with suppress(*FAILURES):
+        alone = proved_again(stand, last, last.fit.theta)
+        return proved_again(accept(stand, alone, jobs), first, last.fit.theta).verdict != "rejected"
+    return False
+
+
+def _is_certain_beside_loads(proof: Proof) -> bool:
+    own = {f"{proof.candidate.name}.{p.name}" for p in proof.candidate.effect.sizes}
+    return any(_is_known(p) for p in proof.fit.parameters if p.name in own)
 
 
 def lag_instead(stand: Stand, others: Sequence[Proof], law: Proof, options: DiagnoseOptions) -> Proof | None:

@@ -155,8 +155,11 @@ def carries_gas(flat: FlatModel, site: Site) -> bool:
 
 
 def flow_unit(flat: FlatModel, site: Site) -> str:
-    """Unit of the terms of the bare equation at `site` where they are flows of its domain, else empty (those
-    of a mesh may be voltages, currents or rates)."""
+    """Unit of the terms of the bare equation at `site` where they are flows of its domain, or pressures or
+    heads along a line, else empty (those of a mesh may be voltages, currents or rates)."""
+    if site.kind == "mesh" and site.domain == "hydraulic":
+        residual = flat.residual[int(site.name.partition(":")[0])]
+        return next((unit for unit in ("Pa", LEVEL) if has_unit(flat, residual, unit)), "")
     balance = _balance_of(flat, site.name) if site.kind == "equation" else None
     return FLOWS[site.domain] if balance is not None and balances_flows(flat, balance) else ""
 
