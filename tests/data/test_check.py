@@ -498,3 +498,35 @@ def test_stamps_of_six_digits_have_the_period_of_their_clock():
     found = check_table(Table("run", columns, None), {"u": "input"})
     assert found.period == pytest.approx(0.02196954, rel=1e-6)
     assert "check-clock-jitter" not in [finding.code for finding in found.findings]
+
+
+def between_readings(every, decimals, rng, n=2000):
+    """A slow output with noise, read at every `every`-th of `n` rows and interpolated to the others."""
+    slow = lfilter([0.01], [1, -0.99], rng.normal(size=n)) + rng.normal(0, 0.01, n)
+    rows = np.append(np.arange(0, n, every), n - 1)
+    return np.interp(np.arange(n), rows, np.round(slow[rows], decimals))
+
+
+def told_interpolated(u, y):
+    found = warnings_of({"u": u, "y": y}, PERIOD * np.arange(y.size), {"u": "input", "y": "output"})
+    return [one for one in found if one.code == "check-interpolated"]
+
+
+@pytest.mark.parametrize(("every", "decimals"), [(3, 3), (7, 4), (7, 12)])
+def test_an_output_between_the_readings_of_a_slower_logger_is_told(every, decimals):
+    rng = np.random.default_rng(3)
+    (found,) = told_interpolated(rng.normal(size=2000), between_readings(every, decimals, rng))
+    assert found.column == "y"
+    assert f"every {every} samples" in found.text
+    assert f"--resample {every * PERIOD:.4g}" in found.text
+
+
+def test_a_machine_that_its_input_drives_straight_on_was_not_interpolated():
+    u = np.repeat(np.random.default_rng(4).normal(size=200), 10)
+    assert not told_interpolated(u, PERIOD * np.cumsum(u))  # a tank without an outlet, without noise
+
+
+def test_steps_of_a_converter_and_a_motion_to_and_fro_were_not_interpolated():
+    rng, time = np.random.default_rng(5), np.arange(2000)
+    assert not told_interpolated(rng.normal(size=2000), np.round(np.sin(time / 200), 2))
+    assert not told_interpolated(rng.normal(size=2000), np.abs(time % 20 - 10.0))

@@ -18,6 +18,7 @@ from daest.data.faults import (
     excursions,
     pair_findings,
 )
+from daest.data.interpolated import interpolated
 from daest.data.limits import DATA
 from daest.data.prepare import whole_period
 from daest.data.read import find_time
@@ -98,6 +99,7 @@ def _checked(
             if not any(one.code in OFF_ALREADY for one in of_column):
                 others = [c.values[known] for c in columns if c is not column]
                 of_column += displaced(samples, others) or excursions(samples, others)
+                of_column += interpolated(samples, others)
             findings += [*of_column, *_turned(column)]
         else:
             findings.append(Finding("check-missing", "warning", column.name, "holds no value"))

@@ -91,7 +91,7 @@ class Samples:
         if gaps.size == 0:
             return None
         smallest = float(np.quantile(gaps, 0.05))
-        digit = _last_digit(self.levels[0])
+        digit = last_digit(self.levels[0])
         if digit > DATA.digit_of_step * smallest:
             digit = 0.0
         step = float(np.mean(gaps[gaps <= smallest + 2.0 * digit])) if digit else smallest
@@ -118,7 +118,7 @@ class Samples:
         return size if changes > DATA.white_changes and size > least else None
 
 
-def _last_digit(values: np.ndarray) -> float:
+def last_digit(values: np.ndarray) -> float:
     """What one is worth in the last decimal with which the values (n,) are written; zero where they have more
     decimals than anybody writes of a reading."""
     for decimals in range(WRITTEN_DECIMALS + 1):
