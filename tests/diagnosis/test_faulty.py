@@ -34,6 +34,15 @@ def test_a_sensor_that_stands_still_is_told_once():
     assert told.count("stands still") == 1
 
 
+def test_values_between_the_readings_of_a_slower_logger_are_told():
+    sound, rows = recording(), np.arange(2000)
+    sound.outputs[:, 0] = np.interp(rows, rows[::7], sound.outputs[::7, 0])
+    told = faults_told([sound])
+    assert told.startswith(
+        " It may be faults of the recording: y runs on straight lines between every 7 samples"
+    )
+
+
 def test_beside_a_law_its_errors_count_the_faults():
     told = faults_beside([recording(slice(500, 560), 1)])
     assert told.startswith(" Its sizes and errors count faults of the recording: y stands still at ")

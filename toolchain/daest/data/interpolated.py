@@ -1,8 +1,8 @@
 """See from its values that an output was measured at fewer times than it has samples.
 
-Where loggers of different rates are put together, the slower one is interpolated to the rows of the faster one.
-Its values between two readings are no measurements: they have no noise of their own, and what a filter takes
-for the machine is the straight line.
+Where loggers of different rates are put together, the slower one is interpolated to the rows of the faster
+one. Its values between two readings are no measurements: they have no noise of their own, and what a filter
+takes for the machine is the straight line.
 """
 
 from __future__ import annotations
@@ -38,15 +38,16 @@ def interpolated(samples: Samples, others: Sequence[np.ndarray]) -> list[Finding
     period = float(np.median(np.diff(samples.time[kinks])))
     share = 1.0 - (kinks.size + 2) / values.size
     text = (
-        f"runs on straight lines between every {every} samples: {share:.0%} of them are interpolated and no "
-        f"readings; leave those cells empty, or --resample {period:.4g}"
+        f"runs on straight lines between every {every} samples ({period:.4g} {samples.clock}): {share:.0%} "
+        "of them are interpolated, and no readings"
     )
     first = float(samples.time[kinks[0]])
     return [Finding("check-interpolated", "warning", samples.name, text, first, values.size - kinks.size - 2)]
 
 
 def _explained(kinks: np.ndarray, others: Sequence[np.ndarray]) -> bool:
-    """Whether one of the `others`, columns (n,), moves at the `kinks`, indices (n_kinks,), and hardly between."""
+    """Whether one of the `others`, columns (n,), moves at the `kinks`, indices (n_kinks,), and hardly
+    between."""
     for other in others:
         moves = np.flatnonzero(np.diff(other) != 0)
         if moves.size <= DATA.usual_line * kinks.size:
