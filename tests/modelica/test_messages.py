@@ -110,6 +110,15 @@ CASES = {
         "`SI.Powr`",
         "Did you mean `Daest.Units.SI.Power`?",
     ),
+    "import of the base class": (
+        "package P\n partial model A\n  import I = Daest.Electrical.Analog;\n  I.Basic.Ground g;\n end A;\n"
+        " model M\n  extends A;\n  I.Basic.Resistor r;\n end M;\nend P;",
+        "model-unknown-class",
+        (8, 3),
+        "`I.Basic.Resistor`",
+        "Imports are not inherited: repeat that of the class which is extended, or write "
+        "`Daest.Electrical.Analog.Basic.Resistor`.",
+    ),
     "package of the library": (
         "model M\n Daest.Electrical.Analog.Basik.Ground g;\nend M;",
         "model-unknown-class",

@@ -470,6 +470,11 @@ def _balance(message: str, path: Path, text: bytes, class_name: str) -> ModelErr
     return Unbalanced(int(found[1]), int(found[2]), str(path)) if found else None
 
 
+_MESSAGE_OF_IMPORT = (
+    "Imports are not inherited: repeat that of the class which is extended, or write `{}`."  # MLS 13.2.1
+)
+
+
 def _unknown(message: str, path: Path, text: bytes, class_name: str) -> ModelError | None:
     """A class or a component that is nowhere declared. Members of a component of an unknown class are unknown
     too: then it is the class that counts."""
@@ -477,13 +482,15 @@ def _unknown(message: str, path: Path, text: bytes, class_name: str) -> ModelErr
         if phrase in message:
             name = _name_after(phrase, message)
             full = imported(list(tokens(text)), name)
+            beyond = full != name and _is_in_library(full)  # another class has the import
             near = (
                 []
-                if full.startswith(STANDARD)
+                if beyond or full.startswith(STANDARD)
                 else _library_neighbours(full) or _near(name, _class_names(text))
             )
             remedy = (
-                _own_name(full)
+                (_MESSAGE_OF_IMPORT.format(full) if beyond else "")
+                or _own_name(full)
                 or ("" if near else _said_members(full))
                 or "Check its spelling, or give its library's folder by -L or MODELICAPATH."
             )
