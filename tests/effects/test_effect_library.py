@@ -139,6 +139,13 @@ def test_sizes_have_a_null_and_physical_bounds(effect) -> None:
             assert all((low is None or low <= v) and (high is None or v <= high) for v in parameter.grid)
 
 
+@pytest.mark.parametrize("domain", ["Rotational", "Translational"])
+def test_springs_between_parts_harden_or_soften_as_those_to_the_housing(domain) -> None:
+    for name in ("HardeningSpring", "CubicSpring"):
+        (size,) = [p for p in find_effect(f"Daest.Effects.{domain}.{name}").parameters if p.name == "c3"]
+        assert size.min is None or size.min < 0, f"{domain}.{name}"
+
+
 @pytest.mark.parametrize("effect", EFFECTS, ids=label)
 def test_models_are_open_by_their_connectors_alone(effect) -> None:
     model = effect_model(effect)

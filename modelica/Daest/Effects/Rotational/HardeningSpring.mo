@@ -1,11 +1,12 @@
 within Daest.Effects.Rotational;
-model HardeningSpring "Spring whose torque grows with the cube of the deflection"
+model HardeningSpring "Spring whose torque goes with the cube of the deflection"
   extends Daest.Mechanics.Rotational.Interfaces.PartialCompliant;
-  parameter Real c3(unit = "N.m/rad3", min = 0) = 1 "Cubic stiffness"
+  parameter Real c3(unit = "N.m/rad3") = 1 "Cubic stiffness"
     annotation(__Daest(estimate = true, role = "size", null = 0));
 equation
   tau = c3*phi_rel^3;
   annotation(
     __Daest(effect = true, attach = "parallel", outside = "input", law = "tau = c3*phi_rel^3"),
-    Documentation(info = "In parallel to a spring it makes it stiffer the further it is deflected."));
+    Documentation(info = "In parallel to a spring it makes it stiffer (c3 > 0) or softer (c3 < 0)
+the further it is deflected."));
 end HardeningSpring;
