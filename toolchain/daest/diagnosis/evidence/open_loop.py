@@ -157,11 +157,13 @@ def fitted_in_use(
         starts = starts[:1]
     if begun:
         starts = [near | dict(begun)]
-    ends = []
+    best: FitResult | None = None
     for start in starts:
         with suppress(*FAILURES):
-            ends.append(identify(flat, experiments, replace(options, start=start), validation))
-    return max(ends, key=lambda end: end.log_likelihood, default=None)
+            least = -np.inf if best is None else best.log_likelihood
+            end = identify(flat, experiments, replace(options, start=start, least=least), validation)
+            best = end if end.log_likelihood > least else best
+    return best
 
 
 def simulated_errors(model: Null, validation: Sequence[Experiment]) -> Simulated | None:

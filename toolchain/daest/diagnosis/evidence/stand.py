@@ -21,6 +21,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.loads import load_sites
 from daest.diagnosis.null_model.null import (
     Null,
+    are_driven_off,
     are_elsewhere,
     as_recorded,
     at_fit,
@@ -237,6 +238,9 @@ def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) 
     is_held = falls_over(null.explicit, null.experiments)
     if is_held and not are_elsewhere(fit.theta, null.fit.theta, null.estimated):
         return None  # its simulation falls whatever its parameters are, but for that in segments
+    given = {p.name: p.value for p in flat.parameters if p.name in null.estimated}
+    if are_driven_off(fit.theta, given) and not are_driven_off(null.fit.theta, given):
+        return None  # it has bent to what is missing, as a bearing without friction does to a constant torque
     if not _far_smaller(error_ratios(reference.fit.simulated, fit.simulated, "estimation")):
         return None
     fixed = flat.with_theta(fit.theta)

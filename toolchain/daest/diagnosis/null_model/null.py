@@ -669,6 +669,7 @@ def simulation_options(null: Null, names: Sequence[str], iterations: int) -> Ide
         max_iterations=iterations,
         second_look=False,
         shooting=1,
+        enough=GATES.enough_simulated,
         noises_alone=not names,
     )
 

@@ -78,7 +78,7 @@ def minimise(
 ) -> Found | None:
     """Search from `start` until a step would gain less than `converged_gain` in log-likelihood, several
     steps have gained little more, or the objective will not fall to the `goal`, to judge by what the next
-    step promises; None when the objective has no value there. Raises OutOfTimeError. Shapes: start, lower and
+    step promises and what the last ones have gained; None when the objective has no value there. Raises OutOfTimeError. Shapes: start, lower and
     upper (n_z,)."""
     z = np.clip(start, lower, upper)
     here = objective(z, True)
@@ -95,11 +95,11 @@ def minimise(
         gain = steps.gain
         if gain < converged_gain:
             return Found(last, here, "converged", iteration, gain)
-        if here.value - FIT.goal_reach * (max_iterations - iteration) * gain > goal:
+        lately = values[-1 - SLOW_STEPS] - values[-1] if len(values) > SLOW_STEPS else np.inf
+        foreseen = min(gain, lately / SLOW_STEPS)
+        if here.value - FIT.goal_reach * (max_iterations - iteration) * foreseen > goal:
             return Found(last, here, "stalled", iteration, gain)
-        is_slow = (
-            len(values) > SLOW_STEPS and values[-1 - SLOW_STEPS] - values[-1] < FIT.slow_gain * converged_gain
-        )
+        is_slow = lately < FIT.slow_gain * converged_gain
         step = None if is_slow else _improve(objective, z, here, steps, radius, lower, upper, at_once)
         if step is None:
             is_near = gain < max(FIT.stalled_gain, converged_gain)

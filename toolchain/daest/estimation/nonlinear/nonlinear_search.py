@@ -175,7 +175,8 @@ def _simulated_from(
         is_end = setup.method == "oe" or shooting == 1
         iterations = options.max_iterations if is_end else SIMULATION_ITERATIONS
         search = search_of(problem, home, iterations, None if is_end else LEADING_GAIN)
-        search = replace(search, goal=-options.least)
+        enough = options.enough if is_end and options.enough is not None else search.converged_gain
+        search = replace(search, goal=-options.least, converged_gain=enough)
         leads = is_end and options.second_look and options.max_iterations > 0 and not has_events
         further = _kept(_led(problem, home), led) if leads else ()
         starts = [z, *called_back(problem, z)]
