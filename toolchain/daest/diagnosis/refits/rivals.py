@@ -657,8 +657,9 @@ def _is_static(entry: Screened) -> bool:
 
 
 def _is_partial(best: Proof) -> bool:
-    """Whether an accepted law leaves a part of the loads, and the errors of its simulation last."""
-    return not best.adds_up and errors_last(best) and best.explained < GATES.all_explained
+    """Whether an accepted law leaves a part of the loads, and the errors of its simulation last, or would
+    whatever the law, where they add up."""
+    return best.explained < GATES.all_explained and (best.adds_up or errors_last(best))
 
 
 def _is_late_and_bends(one: Candidate) -> bool:
