@@ -471,6 +471,39 @@ def test_values_beside_which_no_load_can_be_fitted_leave_the_null_as_it_was(monk
 
 
 @pytest.mark.parametrize(
+    ("beside_loads", "simulated", "is_held"),
+    [
+        (0.3, 1e-9, False),  # without friction, to a torque that nobody knows of
+        (300.0, 0.3, True),  # loads have taken over what the inputs do
+        (300.0, 1e-9, True),
+        (0.3, 0.2, True),
+    ],
+)
+def test_parameters_are_not_held_where_a_simulation_has_bent_to_what_is_missing(
+    beside_loads, simulated, is_held, monkeypatch
+):
+    """A constant torque on a rotor whose angle nothing holds: a simulation that drifts as it does has a
+    bearing without friction, and beside that a gain of the torque was what is missing."""
+    monkeypatch.setattr(stands, "falls_over", lambda explicit, experiments: False)
+
+    def fit(d, percent, error):
+        agreement = Agreement({"phi": percent}, {"phi": error})
+        return SimpleNamespace(theta={"J": 0.5, "d": d}, simulated={"estimation": agreement})
+
+    null = SimpleNamespace(
+        estimated=("J", "d"),
+        fit=fit(beside_loads, 11.0, 2.9),
+        alone=fit(simulated, 85.0, 0.47),
+        explicit=None,
+        experiments=(),
+    )
+    reference = SimpleNamespace(adds_up=True, fit=null.fit)
+    held = stands._simulated_better(model().with_theta({"J": 0.5, "d": 0.3}), null, reference)
+    assert (held is not None) == is_held
+    assert held is None or not any(p.estimate for p in held.parameters)
+
+
+@pytest.mark.parametrize(
     ("adds_up", "percent", "is_driven"), [(False, 10.0, True), (True, 10.0, False), (True, 80.0, True)]
 )
 def test_a_simulation_that_follows_the_recording_is_taken_though_its_errors_add_up(

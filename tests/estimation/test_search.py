@@ -60,6 +60,21 @@ def test_search_ends_where_its_goal_is_out_of_reach():
     assert reached.reason == "converged" and np.array_equal(reached.z, whole.z)
 
 
+def test_search_ends_where_its_last_steps_have_gained_too_little_to_reach_its_goal():
+    """Where the surface is rough, each step promises more than it brings: here 0.5 for 0.11."""
+
+    def rough(z, with_slopes):
+        return Evaluation(0.11 * float(z[0]), *((np.ones(1), np.eye(1)) if with_slopes else ()))
+
+    start, free = np.array([1000.0]), np.full(1, np.inf)
+    whole = minimise(rough, start, -free, free, 40)
+    assert whole.iterations == 40 and whole.evaluation.value > 100.0
+    missed = minimise(rough, start, -free, free, 40, goal=90.0)  # 40 steps promise 20
+    assert missed.reason == "stalled" and missed.iterations < 20
+    reached = minimise(rough, start, -free, free, 40, goal=whole.evaluation.value)
+    assert reached.iterations == 40
+
+
 def test_bounded_minimum_equals_scipy():
     upper = np.array([0.5, np.inf])
     found = minimise(squares(rosenbrock, rosenbrock_slopes), np.array([-1.2, 1.0]), -FREE, upper, 200)

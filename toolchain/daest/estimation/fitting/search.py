@@ -78,8 +78,8 @@ def minimise(
 ) -> Found | None:
     """Search from `start` until a step would gain less than `converged_gain` in log-likelihood, several
     steps have gained little more, or the objective will not fall to the `goal`, to judge by what the next
-    step promises and what the last ones have gained; None when the objective has no value there. Raises OutOfTimeError. Shapes: start, lower and
-    upper (n_z,)."""
+    step promises and what the last ones have gained; None when the objective has no value there. Raises
+    OutOfTimeError. Shapes: start, lower and upper (n_z,)."""
     z = np.clip(start, lower, upper)
     here = objective(z, True)
     if here is None:
