@@ -46,10 +46,10 @@ class IdentifyOptions:
     `shooting` cuts every record of a nonlinear model into that many segments with initial states of their own
     (multiple shooting); None does so for an output-error search that fails over the whole records, 1 never.
     `rtol` is the tolerance of the integration of a nonlinear model (None: that of searches), looser where the
-    fit is only to begin another one. A search ends early where it will not come to the
-    log-likelihood `least`, below which its end is of no use; one by simulation of a nonlinear model also where
-    a step promises less than `enough` of that (None: as little as counts). With `noises_alone` there may be no unknown
-    parameter: the noises and initial states are found at the values as they are.
+    fit is only to begin another one. A search ends early where it will not come to the log-likelihood
+    `least`, below which its end is of no use; one by simulation of a nonlinear model also where a step
+    promises less than `enough` of that (None: as little as counts). With `noises_alone` there may be no
+    unknown parameter: the noises and initial states are found at the values as they are.
     """
 
     method: Method | None = None
