@@ -247,6 +247,14 @@ EXPLANATIONS: dict[str, str] = {
         "positive, at any likely value of the parameters: a pulse counter, or the current that a bridge "
         "reports, tells a magnitude. Measure it in the model, too, as `y = abs(i)`, or record the sign."
     ),
+    "check-set-point": (
+        "An output follows an input of another kind of quantity in numbers: settled, both columns are the "
+        "same at all levels, with nothing added, and the model at its values has another gain. A controller "
+        "does that, and the column is then its set point, not the voltage or the flow that drives the "
+        "machine; effects that are found with it may be those of the controller. Record what the controller "
+        "gives the machine, or write the controller into the model. A machine may have this gain by chance: "
+        "values of the parameters with which the model has it, too, end the warning."
+    ),
     "check-stuck": (
         "A signal stands still to the last digit although its noise shows elsewhere, or jumps when it goes "
         "on: the sensor or its transmission had stopped. Leave those cells empty. An output that rests while "

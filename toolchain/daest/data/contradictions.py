@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from daest.data.limits import DATA
+from daest.data.set_points import set_point_findings
 from daest.errors import DaestError
 from daest.model.experiment import Experiment, Finding
 from daest.model.flat import FlatModel, Model
@@ -68,13 +69,14 @@ class Contradiction:
 
 
 def model_findings(flat: Model, experiment: Experiment) -> list[Finding]:
-    """What a model says of a recording: its `contradictions` as findings, and outputs without their sign."""
+    """What a model says of a recording: its `contradictions` as findings, outputs without their sign, and
+    inputs that are set points."""
     found = [
         Finding("check-polarity" if one.is_turned else "check-scale", "warning", one.signal, one.text)
         for one in contradictions(flat, experiment)
     ]
     lost = [Finding("check-sign-lost", "warning", name, SIGN_LOST) for name in lost_signs(flat, experiment)]
-    return [*found, *lost]
+    return [*found, *lost, *set_point_findings(flat, experiment.first(LONGEST))]
 
 
 def contradictions(flat: Model, experiment: Experiment) -> list[Contradiction]:
@@ -84,7 +86,7 @@ def contradictions(flat: Model, experiment: Experiment) -> list[Contradiction]:
 
     There are none where the model cannot be simulated, or where it depends on the parameters.
     """
-    part = _shortened(experiment)
+    part = experiment.first(LONGEST)
     try:
         driven = _driven(flat)
     except DaestError:
@@ -96,7 +98,7 @@ def perhaps_turned(flat: Model, experiment: Experiment) -> list[Contradiction]:
     """Outputs that move against the model at its values, and with it at none of those that its parameters may
     have: a resonance that stands elsewhere leaves little of either, and a fit has to tell them from healthy
     ones."""
-    part = _shortened(experiment)
+    part = experiment.first(LONGEST)
     if not np.any(np.ptp(part.inputs, axis=0)):
         return []
 
@@ -111,7 +113,7 @@ def perhaps_turned(flat: Model, experiment: Experiment) -> list[Contradiction]:
 def lost_signs(flat: Model, experiment: Experiment) -> list[str]:
     """Outputs that come to zero and never below, and are as large in either direction that the model has them
     move in whatever its parameters are, as those of a sensor of magnitudes are."""
-    part = _shortened(experiment)
+    part = experiment.first(LONGEST)
     may_be = np.array([_may_be_magnitude(values) for values in part.outputs.T])
     if not np.any(may_be) or not np.any(np.ptp(part.inputs, axis=0)):
         return []
@@ -276,7 +278,7 @@ def other_clock(flat: Model, experiment: Experiment) -> OtherClock | None:
     """The unit of time with which a simulation at the values of the model is far nearer to the recording than
     in seconds; None where there is none. A model whose balances convert by numbers, as in
     `C/3600*der(T) = Q`, does not tell by its units that it counts hours."""
-    part = _shortened(experiment)
+    part = experiment.first(LONGEST)
     with suppress(DaestError):
         driven, theta = _driven(flat), next(iter(_variants(flat)))
         error, longest = _timed_error(driven, part, theta)
@@ -329,7 +331,7 @@ def _nearer(flat: Model, experiments: Sequence[Experiment], pairs: Sequence[Exch
     model, the nearest first; none where it cannot be simulated."""
     if not pairs:
         return []
-    part, theta = _shortened(experiments[0]), flat.theta_values
+    part, theta = experiments[0].first(LONGEST), flat.theta_values
     nearer: dict[Exchange, float] = {}
     with suppress(DaestError):
         driven = _driven(flat)
@@ -364,17 +366,6 @@ def _scaled(part: Experiment, is_scaled: np.ndarray, ratios: np.ndarray) -> Iter
             times = f"{size:.3g} times as {'large' if ratio > 1.0 else 'small'}"
             factor = 1.0 / unit if ratio > 1.0 else unit
             yield Contradiction(name, factor, f"is {times} as in the model, {MOVED}, as {UNITS[unit]}")
-
-
-def _shortened(experiment: Experiment) -> Experiment:
-    n = min(experiment.n_samples, LONGEST)
-    return replace(
-        experiment,
-        time=experiment.time[:n],
-        inputs=experiment.inputs[:n],
-        outputs=experiment.outputs[:n],
-        extra={},
-    )
 
 
 def _variants(flat: Model) -> Iterator[np.ndarray]:

@@ -274,6 +274,7 @@ def _experiment(
         extra,
         (*table.notes, *notes),
         {column.name: column.unit for column in others if column.unit},
+        {s.name: reading(s, matched[s.name].unit) for s in (*inputs, *outputs) if s.name in matched},
     )
     return prepare(on_clock(experiment), preparation)
 

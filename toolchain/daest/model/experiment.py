@@ -10,6 +10,7 @@ import numpy as np
 
 from daest.model.holds import Hold
 from daest.model.shown import Framed, Listing, Timed, Trajectories
+from daest.quantities import Conversion
 
 UNIFORM = 1e-6  # relative deviation of a step from the sampling period
 TIME_RESOLUTION = 1e-9  # of written times, relative to the last one
@@ -22,8 +23,9 @@ class Experiment(Timed):
     `time` (n_samples,) in seconds; `inputs` (n_samples, n_u) without gaps, in the order of `input_names`
     (model names); `outputs` (n_samples, n_y), NaN where a sample is missing. All in the model's units.
     `extra` keeps the other numeric columns of the file by column name, `extra_units` their units where the
-    file tells them. `period` is the sampling period if it
-    is uniform to 1e-6 relative, else None.
+    file tells them. `read_by` says what made the values of signals of the numbers in their columns, where
+    that is not known to be nothing. `period` is the sampling period if it is uniform to 1e-6 relative, else
+    None.
     """
 
     name: str
@@ -35,6 +37,7 @@ class Experiment(Timed):
     extra: dict[str, np.ndarray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()  # what reading changed: conversions, resampling, detrending
     extra_units: dict[str, str] = field(default_factory=dict)
+    read_by: dict[str, Conversion] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n = self.time.shape[0]
@@ -64,6 +67,10 @@ class Experiment(Timed):
     def outputs_of(self, names: Sequence[str]) -> np.ndarray:
         """The outputs `names` (n_samples, n_names), in that order."""
         return self.outputs[:, [self.output_names.index(name) for name in names]]
+
+    def first(self, n: int) -> Experiment:
+        """The first `n` samples at most, without `extra`."""
+        return replace(self, time=self.time[:n], inputs=self.inputs[:n], outputs=self.outputs[:n], extra={})
 
     def driven_by(self, names: Sequence[str]) -> Experiment:
         """The recording with columns of `extra` as further inputs, zero where they hold no value; `names` of

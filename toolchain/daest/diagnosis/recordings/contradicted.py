@@ -1,5 +1,6 @@
 """Recordings that contradict the model whatever it lacks: a sensor that is mounted the other way round, or
-counts in another unit, and two columns that stand in each other's place.
+counts in another unit, two columns that stand in each other's place, and a set point in the place of what
+drives the machine.
 
 No effect of a library turns a signal round, and one that seems to is not what is missing. Where the model as
 it is simulates the mended recording, and not the one that was given, all that is to be said is what to mend.
@@ -14,6 +15,7 @@ from contextlib import suppress
 import numpy as np
 
 from daest.data.contradictions import (
+    LONGEST,
     Contradiction,
     Exchange,
     OtherClock,
@@ -23,6 +25,7 @@ from daest.data.contradictions import (
     other_clock,
     perhaps_turned,
 )
+from daest.data.set_points import SetPoint, set_points
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.evidence.stand import quiet, without_noises
 from daest.diagnosis.gates import GATES
@@ -49,7 +52,8 @@ def contradicted(
     likely = found or (perhaps_turned(flat, experiments[0]) if is_quick and experiments else [])
     pairs = exchanges(flat, experiments)[:MOST_PAIRS] if is_quick and experiments and not found else []
     clock = _other_clock(flat, experiments) if is_quick and not found else None
-    if not likely and not pairs and clock is None:
+    followed = set_points(flat, experiments[0].first(LONGEST)) if experiments and not found else []
+    if not likely and not pairs and not followed and clock is None:
         return None
     silent = without_noises(flat) if isinstance(flat, FlatModel) else flat
     options = IdentifyOptions(method="oe", hold=hold, second_look=False)
@@ -59,7 +63,10 @@ def contradicted(
         if not (found or told):
             told = _counted_in(silent, given, experiments, clock) if clock else None
             told = told or _exchanged(silent, given, experiments, pairs)
-        return told and _told(given, *told, time.perf_counter() - began)
+        seconds = time.perf_counter() - began
+        if not told and followed:
+            return _of_set_points(given, followed, seconds)
+        return told and _told(given, *told, seconds)
     return None
 
 
@@ -191,6 +198,27 @@ def _told(given: FitResult, better: FitResult, what: str, how: str, seconds: flo
         f"The recording contradicts the model: {what}. Mended, it is simulated by the model as it is (fit "
         f"{fits}). What else is missing can be told of the mended recording."
     )
+    return _nothing_claimed(given, message, how, seconds)
+
+
+def _of_set_points(given: FitResult, found: Sequence[SetPoint], seconds: float) -> Diagnosis:
+    """What is told of inputs that are set points: no law that was found with one would be the machine's."""
+    what = "; ".join(f"{one.input} {one.text}" for one in found)
+    message = (
+        f"The recording contradicts the model: {what}. What would be found missing with it may be the "
+        f"controller's."
+    )
+    names = list(dict.fromkeys(one.input for one in found))
+    one = found[0]
+    how = (
+        f"Record what the controller gives the machine in place of {' and '.join(names)}, or write the "
+        f"controller into the model, with {one.input} in the unit of {one.output}. If the machine itself has "
+        f"this gain, give the parameters values that have it, too."
+    )
+    return _nothing_claimed(given, message, how, seconds)
+
+
+def _nothing_claimed(given: FitResult, message: str, how: str, seconds: float) -> Diagnosis:
     return Diagnosis(
         verdict="cannot tell",
         message=message,
