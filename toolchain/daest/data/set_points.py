@@ -64,8 +64,8 @@ def set_point_findings(flat: Model, experiment: Experiment) -> list[Finding]:
 
 
 def set_points(flat: Model, experiment: Experiment) -> list[SetPoint]:
-    """The inputs that an output of another kind of quantity follows in numbers, unless the model at its values
-    does so, too. None where it cannot be simulated."""
+    """The inputs that an output of another kind of quantity follows in numbers, unless the model at its
+    values does so, too. None where it cannot be simulated."""
     likely = [
         (name, output, settled)
         for name, output in _pairs(flat, experiment)
