@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
-from scipy.signal import lfilter
 
 from daest.data.limits import DATA
 from daest.errors import DaestError
@@ -136,10 +136,12 @@ def _settled(experiment: Experiment, name: str, output: str, values: np.ndarray)
 
 
 def _passing(values: np.ndarray, rate: float) -> np.ndarray:
-    """What a filter of the first order, with a `rate` a sample, has not settled of values (n,)."""
+    """What a filter of the first order, with a `rate` a sample, has not settled of values (n,).
+
+    In Python: `scipy.signal` takes half a second to import."""
     kept = float(np.exp(-rate))
-    followed, _ = lfilter([1.0 - kept], [1.0, -kept], values, zi=[kept * values[0]])
-    return values - followed
+    followed = accumulate(values.tolist(), lambda before, value: value + kept * (before - value))
+    return values - np.fromiter(followed, float, values.size)
 
 
 def _as_recorded(experiment: Experiment, name: str, values: np.ndarray) -> np.ndarray:
