@@ -529,3 +529,27 @@ def test_steps_of_a_converter_and_a_motion_to_and_fro_were_not_interpolated():
     rng, time = np.random.default_rng(5), np.arange(2000)
     assert not told_interpolated(rng.normal(size=2000), np.round(np.sin(time / 200), 2))
     assert not told_interpolated(rng.normal(size=2000), np.abs(time % 20 - 10.0))
+
+
+def told_copied(pipe, air):
+    roles = {"pipe": "input", "air": "output"}
+    found = warnings_of({"pipe": pipe, "air": air}, PERIOD * np.arange(air.size), roles)
+    return [one for one in found if one.code == "check-copied"]
+
+
+def test_cells_of_an_input_that_were_filled_in_from_an_output_are_told():
+    rng = np.random.default_rng(8)
+    air = np.round(20.0 + np.cumsum(rng.normal(size=400)) / 10.0, 1)
+    pipe = np.round(40.0 + rng.normal(size=400), 1)
+    filled = np.where(np.arange(400) // 100 % 2 == 0, air, pipe)
+    (found,) = told_copied(filled, air)
+    assert found.column == "air" and found.count == 200 and "the input pipe" in found.text
+
+
+def test_sensors_that_are_alike_and_those_at_rest_are_no_copies():
+    rng = np.random.default_rng(8)
+    air = np.round(20.0 + np.cumsum(rng.normal(size=400)) / 10.0, 1)
+    near = np.round(air + 0.1 * rng.normal(size=400), 1)
+    rest = np.where(np.arange(400) < 200, 20.0, air)
+    for pipe, values in ((near, air), (np.where(np.arange(400) < 200, 20.0, 30.0), rest)):
+        assert not told_copied(pipe, values)

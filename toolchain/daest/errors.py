@@ -176,6 +176,13 @@ EXPLANATIONS: dict[str, str] = {
         "A column never changes. An output that does not move tells nothing about any parameter: the sensor "
         "may be off."
     ),
+    "check-copied": (
+        "Cells of an input were filled in from an output, or the other way round: both are the same to the "
+        "last digit in long stretches in which they move, and differ elsewhere. The model is driven there by "
+        "what it is compared with, and an effect that lets the input decide explains the output without any "
+        "physics. Leave these cells of the output empty, or say in the model what the input does there, as a "
+        "pipe that gives no heat while no water flows."
+    ),
     "check-dropouts": (
         "A signal jumps to one and the same value for a few samples and comes back: a loose contact, or a "
         "value that the recorder writes where it has none. Leave those cells empty, which means that the "

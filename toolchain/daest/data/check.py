@@ -103,7 +103,11 @@ def _checked(
             findings += [*of_column, *_turned(column)]
         else:
             findings.append(Finding("check-missing", "warning", column.name, "holds no value"))
-    findings += [*_changed_unseen(time, columns, clock), *_pairs(time, columns, clock)]
+    findings += [
+        *_changed_unseen(time, columns, clock),
+        *_copied(time, columns),
+        *_pairs(time, columns, clock),
+    ]
     known_time = time[np.isfinite(time)]
     start, stop = (float(known_time[0]), float(known_time[-1])) if known_time.size else (0.0, 0.0)
     ordered = tuple(sorted(findings, key=lambda finding: finding.level != "warning"))
@@ -163,6 +167,32 @@ def _changed_unseen(time: np.ndarray, columns: Sequence[_Column], clock: str) ->
             "cut the recording there, or make two of it"
         )
         found.append(Finding("check-input-unseen", "warning", column.name, text, float(time[at]), large.size))
+    return found
+
+
+def _copied(time: np.ndarray, columns: Sequence[_Column]) -> list[Finding]:
+    """Outputs that are the same as an input, to the last digit, in stretches in which both move: cells of one
+    were filled in from the other. A column that is a copy as a whole is told elsewhere."""
+    found = []
+    for output in (c for c in columns if c.role == "output"):
+        for given in (c for c in columns if c.role == "input"):
+            is_same = output.values == given.values
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], is_same, [False]])))
+            runs = [
+                range(first, stop)
+                for first, stop in zip(edges[::2], edges[1::2], strict=True)
+                if stop - first >= DATA.repeated_stretch
+                and np.unique(output.values[first:stop]).size >= DATA.repeated_rows
+            ]
+            if runs and not np.all(is_same):
+                count = sum(len(run) for run in runs)
+                text = (
+                    f"is the same as the input {given.name} to the last digit in {count} samples "
+                    f"({count / time.size:.0%}), while both move: one was filled in from the other, and "
+                    "there the model is driven by what it is compared with"
+                )
+                at = float(time[runs[0].start])
+                found.append(Finding("check-copied", "warning", output.name, text, at, count))
     return found
 
 

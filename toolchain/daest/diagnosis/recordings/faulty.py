@@ -1,5 +1,5 @@
 """What is known of a recording that may be all that its model does not match: sensors that stand still, drop
-out or jump, and values between their readings."""
+out or jump, values between their readings, and values that are those of an input."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from daest.data.check import check_experiment
 from daest.lists import first_few
 from daest.model.experiment import Experiment
 
-FAULTS = ("check-stuck", "check-dropouts", "check-outliers", "check-interpolated")
+FAULTS = ("check-stuck", "check-dropouts", "check-outliers", "check-interpolated", "check-copied")
 EXPLAINED = ("nothing missing", "parameters off", "supported")  # verdicts that say what the data show
 EMPTY = "Leave the cells of these samples empty, as missing, and diagnose again."
 MOST_TOLD = 3
