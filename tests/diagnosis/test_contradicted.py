@@ -67,6 +67,16 @@ def test_what_is_to_be_mended_is_told_and_nothing_is_claimed(case, spoilt, signa
     assert rounds.last.next_experiment == found.next_experiment
 
 
+def test_nothing_is_claimed_where_most_of_an_input_is_the_output(case):
+    flat, experiment = case
+    u = experiment.inputs.copy()
+    u[100:, 0] = experiment.outputs[100:, Y]
+    found = diagnose(flat, (), [replace(experiment, inputs=u)])
+    assert found.verdict == "cannot tell" and not found.proofs
+    assert "y is the same as the input u to the last digit" in found.message
+    assert "empty" in found.next_experiment
+
+
 @pytest.mark.parametrize("factor, is_told", [(-1.0, True), (1.0, False)])
 def test_a_turned_sensor_beside_an_unknown_resonance_is_told_by_the_fits(case, factor, is_told):
     """Three times softer, the oscillator would move against a healthy sensor as well as against a turned one:

@@ -72,17 +72,27 @@ def _unit(column: Column, of_model: str | None) -> str | None:
     return None if is_ending and not converts(unit, of_model or "") else unit or None
 
 
+def mostly_copied(experiment: Experiment) -> list[Finding]:
+    """The outputs most of which are the same as an input to the last digit."""
+    return [
+        f for f in _copied(experiment.time, _columns_of(experiment)) if 2 * f.count > experiment.n_samples
+    ]
+
+
 def check_experiment(experiment: Experiment, clock: str = "s") -> DataCheck:
     """The inputs and outputs of a recording, whose time is in `clock`.
 
     >>> daest.check_experiment(record).n_samples
     8000
     """
+    return _checked(experiment.name, experiment.time, _columns_of(experiment), [], clock)
+
+
+def _columns_of(experiment: Experiment) -> list[_Column]:
     inputs = zip(experiment.input_names, experiment.inputs.T, strict=True)
     outputs = zip(experiment.output_names, experiment.outputs.T, strict=True)
     columns = [_Column(name, None, "input", values) for name, values in inputs]
-    columns += [_Column(name, None, "output", values) for name, values in outputs]
-    return _checked(experiment.name, experiment.time, columns, [], clock)
+    return columns + [_Column(name, None, "output", values) for name, values in outputs]
 
 
 def _checked(

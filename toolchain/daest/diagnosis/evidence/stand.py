@@ -96,7 +96,7 @@ def begin(
         return unseen(null.recorded_hold)
 
     def fitted() -> Stand:
-        free, tied = _scaled(without_noises(flat), both[0])
+        free, tied = scaled(without_noises(flat), both[0])
         null, baseline, reference = _fitted(free, null_of, unseen_by, both[0])
         other = unseen(null.other_hold) if held is not None and null.other_hold else None
         declared = replace(flat, parameters=free.parameters)
@@ -123,7 +123,7 @@ def _begun_where_it_runs(
         raise
 
 
-def _scaled(
+def scaled(
     flat: FlatModel, experiments: Sequence[Experiment]
 ) -> tuple[FlatModel, tuple[tuple[str, ...], ...]]:
     """The model with one parameter held of each set of them that can change together without any effect on

@@ -14,6 +14,7 @@ from contextlib import suppress
 
 import numpy as np
 
+from daest.data.check import mostly_copied
 from daest.data.contradictions import (
     LONGEST,
     Contradiction,
@@ -27,8 +28,9 @@ from daest.data.contradictions import (
 )
 from daest.data.set_points import SetPoint, set_points
 from daest.diagnosis.built_in.settled import FAILURES
-from daest.diagnosis.evidence.stand import quiet, without_noises
+from daest.diagnosis.evidence.stand import quiet, scaled, without_noises
 from daest.diagnosis.gates import GATES
+from daest.diagnosis.recordings.faulty import EMPTY
 from daest.estimation.identify import identify
 from daest.model.diagnosis import Diagnosis, Screen
 from daest.model.experiment import Experiment
@@ -53,17 +55,26 @@ def contradicted(
     pairs = exchanges(flat, experiments)[:MOST_PAIRS] if is_quick and experiments and not found else []
     clock = _other_clock(flat, experiments) if is_quick and not found else None
     followed = set_points(flat, experiments[0].first(LONGEST)) if experiments and not found else []
-    if not likely and not pairs and not followed and clock is None:
+    copied = [finding for e in experiments for finding in mostly_copied(e)]
+    if not likely and not pairs and not followed and not copied and clock is None:
         return None
     silent = without_noises(flat) if isinstance(flat, FlatModel) else flat
     options = IdentifyOptions(method="oe", hold=hold, second_look=False)
     with quiet(), suppress(*FAILURES):
+        # What is told of these hangs on no scale of the parameters.
+        if isinstance(silent, FlatModel) and silent.events is None and (followed or copied):
+            silent, _ = scaled(silent, experiments)
         given = identify(silent, experiments, options, validation=validation)
         told = _mended(silent, given, experiments, likely, options) if likely else None
         if not (found or told):
             told = _counted_in(silent, given, experiments, clock) if clock else None
             told = told or _exchanged(silent, given, experiments, pairs)
         seconds = time.perf_counter() - began
+        if copied:
+            what = "; ".join(dict.fromkeys(finding.sentence for finding in copied))
+            return _nothing_claimed(
+                given, f"The recording tells nothing of the machine: {what}.", EMPTY, seconds
+            )
         if not told and followed:
             return _of_set_points(given, followed, seconds)
         return told and _told(given, *told, seconds)
