@@ -285,6 +285,28 @@ def test_constant_is_simulated_where_a_ramp_leads(monkeypatch: Any) -> None:
     assert course._constants_for(others[1:]) == []
 
 
+@pytest.mark.parametrize("is_enough", [False, True])
+def test_a_law_that_the_loads_stand_for_is_not_refitted_once_more(monkeypatch: Any, is_enough: bool) -> None:
+    """An offset of an input stood twice among the names of a surge tank."""
+
+    def law(name: str) -> Any:
+        return SimpleNamespace(candidate=SimpleNamespace(name=name))
+
+    monkeypatch.setattr(course_module, "ranked", lambda given: given)
+    monkeypatch.setattr(course_module, "is_settled", lambda _: is_enough)
+    doing = SimpleNamespace(
+        prepared=lambda wanted: wanted,
+        proved=lambda stage, before: (list(stage), []),
+        second_tries=lambda proofs, found: proofs,
+    )
+    nothing = cast(Any, None)
+    screens = cast(Any, (None, None))
+    course = Course(nothing, nothing, nothing, screens, (), (), DiagnoseOptions(), nothing, nothing, nothing)
+    proofs = [law("leak"), law("offset")]
+    after = course._with_further_leaders(cast(Any, doing), proofs, [law("offset"), law("gain")])
+    assert [p.candidate.name for p in after] == ["leak", "offset", *([] if is_enough else ["gain"])]
+
+
 @pytest.mark.parametrize(
     ("left", "white", "verdict", "is_looked_for"),
     [

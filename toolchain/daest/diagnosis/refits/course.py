@@ -118,9 +118,7 @@ class Course:
         most = n_seats(wanted, options.most_trials)
         stages = self._stages()
         fits, proofs = self._of_leaders(stages, wanted[:most], n_used)
-        if not is_settled(ranked(proofs)):
-            proofs += stages.proved(stages.prepared(wanted[most:]), proofs)[0]
-            proofs = stages.second_tries(proofs, found)
+        proofs = self._with_further_leaders(stages, proofs, wanted[most:])
         proofs = self._with_simpler_laws(stages, proofs)
         proofs = self._with_straight_laws(stages, proofs)
         proofs = self._with_other_forms(stages, proofs)
@@ -215,6 +213,18 @@ class Course:
         rest += [p for p in _left(others, said) if could_compete(p.trial, best, found)]
         proofs += stages.proved(rest, proofs)[0]
         return fits, stages.second_tries(proofs, found)
+
+    def _with_further_leaders(
+        self, stages: Stages, proofs: list[Proof], wanted: Sequence[Trial]
+    ) -> list[Proof]:
+        """All laws, with the `wanted` further ones where the first of the screen do not settle it, but for
+        those that were refitted as what the loads stand for."""
+        if is_settled(ranked(proofs)):
+            return proofs
+        known = {proof.candidate.name for proof in proofs}
+        untried = [trial for trial in wanted if trial.candidate.name not in known]
+        proofs += stages.proved(stages.prepared(untried), proofs)[0]
+        return stages.second_tries(proofs, self.screens[0])
 
     def _with_simpler_laws(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with parts of the most likely one where that is refused, and with those that bend a
