@@ -187,7 +187,7 @@ def _beside_another(
     if not lags:
         laws = laws_in_the_way(found)
         second = examined(laws[0]) if laws else None
-        if second is None or not is_seen_beside(stand, laws[0], second.proofs[0], options.jobs):
+        if second is None or not is_seen_beside(stand, laws[0], second.proofs[0], options):
             return None
         return second
     second = examined(lags[0])

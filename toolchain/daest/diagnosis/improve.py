@@ -564,7 +564,7 @@ def _with_first(task: _Task, path: _Path, diagnosis: Diagnosis, laws: Sequence[P
     for law in laws:
         for grown in _with_unproven(task, path, diagnosis, law):
             last = grown.steps[len(path.steps) + 1].proof
-            if last is not None and is_seen_beside(path.stand, law, last, task.options.jobs):
+            if last is not None and is_seen_beside(path.stand, law, last, task.options):
                 found.append(grown)
     return found
 

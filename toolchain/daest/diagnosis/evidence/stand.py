@@ -239,12 +239,17 @@ def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) 
     if is_held and not are_elsewhere(fit.theta, null.fit.theta, null.estimated):
         return None  # its simulation falls whatever its parameters are, but for that in segments
     given = {p.name: p.value for p in flat.parameters if p.name in null.estimated}
-    if are_driven_off(fit.theta, given) and not are_driven_off(null.fit.theta, given):
+    if _is_apart(fit.theta, given) and not _is_apart(null.fit.theta, given):
         return None  # it has bent to what is missing, as a bearing without friction does to a constant torque
     if not _far_smaller(error_ratios(reference.fit.simulated, fit.simulated, "estimation")):
         return None
     fixed = flat.with_theta(fit.theta)
     return replace(fixed, parameters=tuple(replace(p, estimate=False) for p in fixed.parameters))
+
+
+def _is_apart(found: Mapping[str, float], given: Mapping[str, float]) -> bool:
+    """Whether parameters were `found` elsewhere than `given`, or of the other sign, or at nothing."""
+    return are_elsewhere(found, given, given) or are_driven_off(found, given)
 
 
 def _foresees_worse(reference: Reference | None, other: Reference) -> bool:

@@ -97,12 +97,12 @@ def laws_in_the_way(found: Diagnosis) -> list[Proof]:
     )
 
 
-def is_seen_beside(stand: Stand, first: Proof, last: Proof, jobs: int) -> bool:
+def is_seen_beside(stand: Stand, first: Proof, last: Proof, options: DiagnoseOptions) -> bool:
     """Whether a law that was refused in the model of `stand`, the `first`, is accepted there beside the
-    `last`, which was accepted beside it."""
-    with suppress(*FAILURES):
+    `last`, which was accepted beside it; not, where the time is up before that is known."""
+    with suppress(OutOfTimeError, *FAILURES), until(options.until):
         alone = proved_again(stand, last, last.fit.theta)
-        return proved_again(accept(stand, alone, jobs), first, last.fit.theta).verdict != "rejected"
+        return proved_again(accept(stand, alone, options.jobs), first, last.fit.theta).verdict != "rejected"
     return False
 
 
@@ -223,9 +223,11 @@ def with_lag(second: Diagnosis, lag: Proof, stand: Stand, first: Diagnosis) -> D
     if foresees_no_better(accepted[0], first):
         return None
     lag = replace(lag, final=accepted[0].told)  # beside what had held it back
+    alone = {proof.candidate.label for proof in first.proofs if proof.verdict != "rejected"}
+    shown = "it shows" if accepted[0].candidate.label in alone else "each of both shows"
     message = (
-        f"{second.message} {lag.candidate.label} ({told_values(lag)}) is missing besides: each of both shows "
-        "only beside the other, and errors are told beside it."
+        f"{second.message} {lag.candidate.label} ({told_values(lag)}) is missing besides: {shown} only "
+        "beside the other, and errors are told beside it."
     )
     others = [proof for proof in second.proofs if proof.verdict == "rejected"]
     return replace(second, message=message, proofs=(*accepted, lag, *others))
