@@ -248,8 +248,8 @@ def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) 
 
 
 def _farthest(found: Mapping[str, float], given: Mapping[str, float]) -> float:
-    """The largest ratio, above 1, of a parameter as it was `found` to its `given` value, either way; inf where
-    one has the other sign, or is nothing."""
+    """The largest ratio, above 1, of a parameter as it was `found` to its `given` value, either way; inf
+    where one has the other sign, or is nothing."""
     ratios = [found[name] / value for name, value in given.items() if value and name in found]
     return max((max(one, 1.0 / one) if one > 0.0 else np.inf for one in ratios), default=1.0)
 
