@@ -198,16 +198,16 @@ EXPLANATIONS: dict[str, str] = {
         "machine has moved under an input that nobody recorded. Cut the recording there with --from and "
         "--to, or make two files of it, which are two experiments with initial states of their own."
     ),
-    "check-lag": (
-        "One column is another one, later by a fixed time. That may be the machine; if both are sensors of "
-        "one quantity, their clocks differ, and identification would put the lag into the parameters. Shift "
-        "one column, or let daest diagnose try a delay."
-    ),
     "check-interpolated": (
         "An output runs on straight lines between every so many samples: a slower logger was interpolated to "
         "the rows of a faster one. What stands between two readings has no noise, and tests that count it as "
         "measured see loads in every kink. Leave those cells empty: outputs may lack values, and the inputs "
         "keep all of theirs. Or take --resample with the period of the readings."
+    ),
+    "check-lag": (
+        "One column is another one, later by a fixed time. That may be the machine; if both are sensors of "
+        "one quantity, their clocks differ, and identification would put the lag into the parameters. Shift "
+        "one column, or let daest diagnose try a delay."
     ),
     "check-missing": (
         "Some values of a column are missing. Outputs may lack values; inputs must be known at every time."
