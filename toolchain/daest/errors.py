@@ -249,11 +249,6 @@ EXPLANATIONS: dict[str, str] = {
         "another unit: degrees for radians, mm for m. Write the unit into the header (`phi [deg]`) or into "
         "[data.units] of daest.toml. Start values that are far off do the same to all outputs."
     ),
-    "check-sign-lost": (
-        "An output is never below zero, and as large where the model has it negative as where it has it "
-        "positive, at any likely value of the parameters: a pulse counter, or the current that a bridge "
-        "reports, tells a magnitude. Measure it in the model, too, as `y = abs(i)`, or record the sign."
-    ),
     "check-set-point": (
         "An output follows an input of another kind of quantity in numbers: settled, both columns are the "
         "same at all levels, with nothing added, and the model at its values has another gain. A controller "
@@ -261,6 +256,11 @@ EXPLANATIONS: dict[str, str] = {
         "machine; effects that are found with it may be those of the controller. Record what the controller "
         "gives the machine, or write the controller into the model. A machine may have this gain by chance: "
         "values of the parameters with which the model has it, too, end the warning."
+    ),
+    "check-sign-lost": (
+        "An output is never below zero, and as large where the model has it negative as where it has it "
+        "positive, at any likely value of the parameters: a pulse counter, or the current that a bridge "
+        "reports, tells a magnitude. Measure it in the model, too, as `y = abs(i)`, or record the sign."
     ),
     "check-stuck": (
         "A signal stands still to the last digit although its noise shows elsewhere, or jumps when it goes "
