@@ -162,7 +162,9 @@ def test_lag_is_looked_beside_where_it_leaves_errors_far_above_the_noise(error, 
     # A law that explains far less than the lag does not stand in its way; any other that is accepted does.
     law = SimpleNamespace(
         verdict="not separable",
-        candidate=SimpleNamespace(is_dynamic=False, is_of_signal=False, is_of_parameter=False),
+        candidate=SimpleNamespace(
+            is_dynamic=False, is_of_signal=False, is_of_parameter=False, effect=SimpleNamespace(n_states=0)
+        ),
         delta_bic=150.0,
         is_by_use=False,
         is_known=True,
@@ -173,6 +175,13 @@ def test_lag_is_looked_beside_where_it_leaves_errors_far_above_the_noise(error, 
     assert (lag in lags_in_the_way(found)) == is_looked_beside
     law.not_separable_from = ("Lag at P",)
     assert lags_in_the_way(found) == []
+    # A likelier one that is refused does so, but for one with states of which the data show too little.
+    law.verdict, law.delta_bic = "rejected", 500.0
+    assert lags_in_the_way(found) == []
+    law.is_known = False
+    assert lags_in_the_way(found) == []
+    law.candidate.effect.n_states = 1
+    assert (lag in lags_in_the_way(found)) == is_looked_beside
 
 
 @dataclass(frozen=True)

@@ -52,8 +52,9 @@ def lags_in_the_way(found: Diagnosis) -> list[Proof]:
         proof.is_by_use and _leaves_errors(proof) and not _is_dynamics_of_signal(proof) for proof in accepted
     ):
         return []
-    # By its simulation a law is likelier than that of the model, and not than a lag beside loads.
-    laws = [p for p in proofs if not p.candidate.is_dynamic and not p.is_by_use]
+    # By its simulation a law is likelier than that of the model, and not than a lag beside loads; one with
+    # states of which the data show too little follows whatever a lag does.
+    laws = [p for p in proofs if not (p.candidate.is_dynamic or p.is_by_use or _is_anything(p))]
     # Beside a lag that leaves nothing, none that is less likely has held anything back.
     enough = [p for p in proofs if _is_dynamics_of_signal(p) and not _leaves_anything(p)]
     least = max((p.delta_bic for p in (*laws, *enough)), default=0.0)
@@ -126,6 +127,11 @@ def lag_instead(stand: Stand, others: Sequence[Proof], law: Proof, options: Diag
     best = max(found, key=lambda one: one[0], default=None)
     gain = 0.0 if best is None else 2.0 * (best[0] - law.fit.log_likelihood)
     return best[1] if best is not None and gain > GATES.min_bic_gain else None
+
+
+def _is_anything(proof: Proof) -> bool:
+    """Whether a law has states of its own, and is not told from any other."""
+    return bool(proof.candidate.effect.n_states) and not proof.is_known
 
 
 def _is_dynamics_of_signal(proof: Proof) -> bool:
