@@ -107,6 +107,13 @@ def test_a_switch_is_no_set_point():
     assert not set_points(motor(), experiment(u, turned_by(u, controlled=True)))
 
 
+def test_a_recording_with_a_pause_of_months_is_not_laid_on_an_even_grid():
+    u = levels(np.random.default_rng(1))
+    run = experiment(u, turned_by(u, controlled=True))
+    late = np.where(np.arange(u.size) < 1500, 0.0, 1e7)  # a thousand million steps
+    assert set_points(motor(), run) and not set_points(motor(), replace(run, time=run.time + late))
+
+
 def test_a_set_point_is_seen_in_the_units_of_the_recording():
     """An oven with a controller, a programme of ramps in degC that was taken for a power."""
     time = 10.0 * np.arange(2000)

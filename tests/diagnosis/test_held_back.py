@@ -225,13 +225,13 @@ def test_lag_and_law_are_told_where_both_are_there_and_matter(time, std, error, 
     second = Second((law,), "What is said.")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(holding_back, "told_values", lambda _: "T = 0.02 s")
-        found = holding_back.with_lag(second, lag, stand, Second((), ""))
+        found = holding_back.with_both(second, lag, stand, Second((), ""))
         # A law that stands without the lag leaves more errors, or no more, by itself.
         far = Told(SimpleNamespace(name="law_2", label="Drag at y"), simulated(2.0 * error), simulated(1.0))
         near = replace(far, told=simulated(1.2 * error))
-        kept = [holding_back.with_lag(second, lag, stand, Second((one,), "")) for one in (far, near)]
+        kept = [holding_back.with_both(second, lag, stand, Second((one,), "")) for one in (far, near)]
         again = replace(far, candidate=law.candidate)  # the law was accepted without the lag, too
-        known = holding_back.with_lag(second, lag, stand, Second((again,), ""))
+        known = holding_back.with_both(second, lag, stand, Second((again,), ""))
     assert (found is not None) == is_told
     assert [one is not None for one in kept] == [is_told, False]
     assert found is None or [p.candidate.name for p in found.proofs] == ["law_1", "lag_1"]

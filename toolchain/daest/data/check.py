@@ -15,6 +15,7 @@ from daest.data.faults import (
     clock_findings,
     column_findings,
     displaced,
+    equal_runs,
     excursions,
     pair_findings,
 )
@@ -187,21 +188,21 @@ def _copied(time: np.ndarray, columns: Sequence[_Column]) -> list[Finding]:
     for output in (c for c in columns if c.role == "output"):
         for given in (c for c in columns if c.role == "input"):
             is_same = output.values == given.values
-            edges = np.flatnonzero(np.diff(np.concatenate([[False], is_same, [False]])))
             runs = [
-                range(first, stop)
-                for first, stop in zip(edges[::2], edges[1::2], strict=True)
-                if stop - first >= DATA.repeated_stretch
-                and np.unique(output.values[first:stop]).size >= DATA.repeated_rows
+                (first, length)
+                for first, length in zip(*equal_runs(is_same), strict=True)
+                if length >= DATA.repeated_stretch
+                and is_same[first]
+                and np.unique(output.values[first : first + length]).size >= DATA.repeated_rows
             ]
             if runs and not np.all(is_same):
-                count = sum(len(run) for run in runs)
+                count = int(sum(length for _, length in runs))
                 text = (
                     f"is the same as the input {given.name} to the last digit in {count} samples "
                     f"({count / time.size:.0%}), while both move: one was filled in from the other, and "
                     "there the model is driven by what it is compared with"
                 )
-                at = float(time[runs[0].start])
+                at = float(time[runs[0][0]])
                 found.append(Finding("check-copied", "warning", output.name, text, at, count))
     return found
 

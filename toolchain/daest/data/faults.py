@@ -57,8 +57,7 @@ class Samples:
     @cached_property
     def runs(self) -> tuple[np.ndarray, np.ndarray]:
         """First index and length of every run of equal values."""
-        starts = np.append(0, np.nonzero(np.diff(self.values))[0] + 1)
-        return starts, np.diff(np.append(starts, self.values.size))
+        return equal_runs(self.values)
 
     @cached_property
     def steps(self) -> np.ndarray:
@@ -116,6 +115,12 @@ class Samples:
             DATA.noise_steps * step, DATA.written_digits * float(np.quantile(np.abs(self.values), 0.99))
         )
         return size if changes > DATA.white_changes and size > least else None
+
+
+def equal_runs(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First index and length of every run of equal values (n,)."""
+    starts = np.append(0, np.nonzero(np.diff(values))[0] + 1)
+    return starts, np.diff(np.append(starts, values.size))
 
 
 def last_digit(values: np.ndarray) -> float:

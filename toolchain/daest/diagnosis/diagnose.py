@@ -41,7 +41,7 @@ from daest.diagnosis.refits.held_back import (
     lags_in_the_way,
     laws_in_the_way,
     told_beside,
-    with_lag,
+    with_both,
 )
 from daest.diagnosis.refits.rounds import accept
 from daest.diagnosis.without_equations.black_box import diagnose_black_box
@@ -179,20 +179,17 @@ def _beside_another(
         except FAILURES:
             return None
         second = examine(beside, library, options, progress, wants_law=True)
-        return with_lag(second, told_beside(first, stand, beside), stand, found)
+        return with_both(second, told_beside(first, stand, beside), stand, found)
 
-    lags = lags_in_the_way(found)
     if options.is_over:
         return None
-    if not lags:
-        laws = laws_in_the_way(found)
-        second = examined(laws[0]) if laws else None
-        if second is None or not is_seen_beside(stand, laws[0], second.proofs[0], options):
-            return None
-        return second
-    second = examined(lags[0])
-    if second is None:
+    lags = lags_in_the_way(found)
+    first = next(iter(lags or laws_in_the_way(found)), None)
+    second = None if first is None else examined(first)
+    if first is None or second is None:
         return None
+    if not lags:
+        return second if is_seen_beside(stand, first, second.proofs[0], options) else None
     other = None if options.is_over else lag_instead(stand, lags[1:], second.proofs[0], options)
     if other is not None:
         second = examined(other) or second

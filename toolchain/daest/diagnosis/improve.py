@@ -546,27 +546,19 @@ def _beside_another(task: _Task, path: _Path, diagnosis: Diagnosis) -> list[_Pat
     ):
         return []
     lags = lags_in_the_way(diagnosis)
+    first = next(iter(lags or laws_in_the_way(diagnosis)), None)
+    if first is None:
+        return []
+    grown, n_before = _with_unproven(task, path, diagnosis, first), len(path.steps) + 1
     if not lags:
-        return _with_first(task, path, diagnosis, laws_in_the_way(diagnosis)[:1])
-    grown = _with_unproven(task, path, diagnosis, lags[0])
-    law = grown[0].steps[len(path.steps) + 1].proof if grown else None
+        pairs = [(one, one.steps[n_before].proof) for one in grown]
+        return [one for one, law in pairs if law and is_seen_beside(path.stand, first, law, task.options)]
+    law = grown[0].steps[n_before].proof if grown else None
     if law is not None and not task.options.is_over:
         other = lag_instead(path.stand, lags[1:], law, task.options)
         if other is not None:
             grown = _with_unproven(task, path, diagnosis, other) or grown
     return grown
-
-
-def _with_first(task: _Task, path: _Path, diagnosis: Diagnosis, laws: Sequence[Proof]) -> list[_Path]:
-    """The paths with the first of `laws` that were refused alone, and with what is accepted beside it, beside
-    which it is accepted, too; none where there are none."""
-    found = []
-    for law in laws:
-        for grown in _with_unproven(task, path, diagnosis, law):
-            last = grown.steps[len(path.steps) + 1].proof
-            if last is not None and is_seen_beside(path.stand, law, last, task.options):
-                found.append(grown)
-    return found
 
 
 def _with_unproven(task: _Task, path: _Path, diagnosis: Diagnosis, first: Proof) -> list[_Path]:

@@ -25,6 +25,7 @@ from daest.diagnosis.null_model.null import (
     as_recorded,
     at_fit,
     falls_over,
+    farthest,
     fit_null,
     known_values,
     moved_apart,
@@ -238,20 +239,13 @@ def _simulated_better(flat: FlatModel, null: Null, reference: Reference | None) 
     if is_held and not are_elsewhere(fit.theta, null.fit.theta, null.estimated):
         return None  # its simulation falls whatever its parameters are, but for that in segments
     given = {p.name: p.value for p in flat.parameters if p.name in null.estimated}
-    apart = _farthest(fit.theta, given)
-    if apart > GATES.elsewhere and apart > _farthest(null.fit.theta, given):
+    apart = farthest(fit.theta, given)
+    if apart > GATES.elsewhere and apart > farthest(null.fit.theta, given):
         return None  # it has bent to what is missing, as a bearing without friction does to a constant torque
     if not _far_smaller(error_ratios(reference.fit.simulated, fit.simulated, "estimation")):
         return None
     fixed = flat.with_theta(fit.theta)
     return replace(fixed, parameters=tuple(replace(p, estimate=False) for p in fixed.parameters))
-
-
-def _farthest(found: Mapping[str, float], given: Mapping[str, float]) -> float:
-    """The largest ratio, above 1, of a parameter as it was `found` to its `given` value, either way; inf
-    where one has the other sign, or is nothing."""
-    ratios = [found[name] / value for name, value in given.items() if value and name in found]
-    return max((max(one, 1.0 / one) if one > 0.0 else np.inf for one in ratios), default=1.0)
 
 
 def _foresees_worse(reference: Reference | None, other: Reference) -> bool:

@@ -64,10 +64,9 @@ def load_sites(flat: FlatModel) -> list[Site]:
         for site in known
         if site.kind in ("node", "equation") and (site.domain != "amount" or site.name in stuff)
     ]
-    loops = [site for site in known if site.kind == "mesh" and site.domain == "electrical"]
-    heads = [
-        site for site in known if site.kind == "mesh" and site.domain == "hydraulic" and _moves(flat, site)
-    ]
+    meshes = [site for site in known if site.kind == "mesh"]
+    loops = [site for site in meshes if site.domain == "electrical"]
+    heads = [site for site in meshes if site.domain == "hydraulic" and _moves(flat, site)]
     return [*flows, *heads] or loops or untold_balances(flat)
 
 

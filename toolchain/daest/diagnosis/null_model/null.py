@@ -202,8 +202,14 @@ def fit_null(
 
 def are_driven_off(found: Mapping[str, float], given: Mapping[str, float]) -> bool:
     """Whether any parameter was `found` so far from its `given` value that something else drives it."""
-    pairs = [(found[name], value) for name, value in given.items() if value and name in found]
-    return any(not 1.0 / GATES.driven_off < one / value < GATES.driven_off for one, value in pairs)
+    return farthest(found, given) >= GATES.driven_off
+
+
+def farthest(found: Mapping[str, float], given: Mapping[str, float]) -> float:
+    """The largest ratio, above 1, of a parameter as it was `found` to its `given` value, either way; inf
+    where one has the other sign, or is nothing."""
+    ratios = [found[name] / value for name, value in given.items() if value and name in found]
+    return max((max(one, 1.0 / one) if one > 0.0 else np.inf for one in ratios), default=1.0)
 
 
 def are_elsewhere(one: Mapping[str, float], other: Mapping[str, float], names: Collection[str]) -> bool:

@@ -62,19 +62,18 @@ def contradicted(
     options = IdentifyOptions(method="oe", hold=hold, second_look=False)
     with quiet(), suppress(*FAILURES):
         # What is told of these hangs on no scale of the parameters.
-        if isinstance(silent, FlatModel) and silent.events is None and (followed or copied):
+        if isinstance(silent, FlatModel) and is_quick and (followed or copied):
             silent, _ = scaled(silent, experiments)
         given = identify(silent, experiments, options, validation=validation)
+        if copied:
+            what = "; ".join(dict.fromkeys(finding.sentence for finding in copied))
+            message = f"The recording tells nothing of the machine: {what}."
+            return _nothing_claimed(given, message, EMPTY, time.perf_counter() - began)
         told = _mended(silent, given, experiments, likely, options) if likely else None
         if not (found or told):
             told = _counted_in(silent, given, experiments, clock) if clock else None
             told = told or _exchanged(silent, given, experiments, pairs)
         seconds = time.perf_counter() - began
-        if copied:
-            what = "; ".join(dict.fromkeys(finding.sentence for finding in copied))
-            return _nothing_claimed(
-                given, f"The recording tells nothing of the machine: {what}.", EMPTY, seconds
-            )
         if not told and followed:
             return _of_set_points(given, followed, seconds)
         return told and _told(given, *told, seconds)
@@ -217,14 +216,14 @@ def _of_set_points(given: FitResult, found: Sequence[SetPoint], seconds: float) 
     what = "; ".join(f"{one.input} {one.text}" for one in found)
     message = (
         f"The recording contradicts the model: {what}. What would be found missing with it may be the "
-        f"controller's."
+        "controller's."
     )
     names = list(dict.fromkeys(one.input for one in found))
     one = found[0]
     how = (
         f"Record what the controller gives the machine in place of {' and '.join(names)}, or write the "
         f"controller into the model, with {one.input} in the unit of {one.output}. If the machine itself has "
-        f"this gain, give the parameters values that have it, too."
+        "this gain, give the parameters values that have it, too."
     )
     return _nothing_claimed(given, message, how, seconds)
 

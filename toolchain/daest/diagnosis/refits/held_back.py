@@ -26,7 +26,7 @@ from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.refits.rounds import accept, proved_again
 from daest.model.diagnosis import Diagnosis, Proof
-from daest.model.fit import FittedParameter, error_ratios
+from daest.model.fit import FitResult, FittedParameter, error_ratios
 from daest.numerics.deadline import OutOfTimeError, until
 from daest.numerics.statistics import chi2
 
@@ -108,8 +108,13 @@ def is_seen_beside(stand: Stand, first: Proof, last: Proof, options: DiagnoseOpt
 
 
 def _is_certain_beside_loads(proof: Proof) -> bool:
-    own = {f"{proof.candidate.name}.{p.name}" for p in proof.candidate.effect.sizes}
-    return any(_is_known(p) for p in proof.fit.parameters if p.name in own)
+    return any(_is_known(p) for p in _sizes_in(proof.fit, proof))
+
+
+def _sizes_in(fit: FitResult, law: Proof) -> list[FittedParameter]:
+    """The sizes of a law in a fit of a model that holds it."""
+    names = {f"{law.candidate.name}.{p.name}" for p in law.candidate.effect.sizes}
+    return [p for p in fit.parameters if p.name in names]
 
 
 def lag_instead(stand: Stand, others: Sequence[Proof], law: Proof, options: DiagnoseOptions) -> Proof | None:
@@ -165,11 +170,10 @@ def _is_shown(found: Diagnosis, proof: Proof) -> bool:
 
 
 def _is_gone(lag: Proof, law: Proof) -> bool:
-    """Whether nothing is left of the lag beside the law that was accepted there. A whole simulation tells the
-    time of a short lag roughly, by errors that last; the time that predictions tell, and it confirms, is
-    there."""
-    sizes = {f"{lag.candidate.name}.{p.name}" for p in lag.candidate.effect.sizes}
-    own = [p for p in law.told.parameters if p.name in sizes]
+    """Whether nothing is left of the lag, or what stands in its place, beside the law that was accepted
+    there. A whole simulation tells the time of a short lag roughly, by errors that last; the time that
+    predictions tell, and it confirms, is there."""
+    own = _sizes_in(law.told, lag)
     beside_loads = {p.name: p for p in law.fit.parameters if _is_known(p)}
     return bool(own) and not any(
         _is_known(p) or (p.name in beside_loads and _is_within(p, beside_loads[p.name])) for p in own
@@ -203,12 +207,12 @@ def foresees_no_better(law: Proof, alone: Diagnosis) -> bool:
     return any(max(one) > GATES.max_most_ratio for one in ratios if one)
 
 
-def told_beside(lag: Proof, stand: Stand, beside: Stand) -> Proof:
-    """The proof of a lag by the model of `beside`, that of `stand` with the lag."""
+def told_beside(first: Proof, stand: Stand, beside: Stand) -> Proof:
+    """The proof of a law by the model of `beside`, that of `stand` with the law."""
     gain = beside.baseline.log_likelihood - stand.baseline.log_likelihood
-    n_own = lag.candidate.n_unknowns
+    n_own = first.candidate.n_unknowns
     return replace(
-        lag,
+        first,
         fit=beside.baseline,
         delta_log_likelihood=gain,
         delta_bic=bic_gain(gain, n_own, stand.null),
@@ -219,21 +223,21 @@ def told_beside(lag: Proof, stand: Stand, beside: Stand) -> Proof:
     )
 
 
-def with_lag(second: Diagnosis, lag: Proof, stand: Stand, first: Diagnosis) -> Diagnosis | None:
-    """The diagnosis beside a lag, with this told; None where it accepts nothing, nothing beside which the lag
-    is still there, or nothing with which unseen data are simulated any better than by the model of `stand`,
-    or far better than by what the `first` diagnosis accepts without the lag."""
+def with_both(second: Diagnosis, first: Proof, stand: Stand, alone: Diagnosis) -> Diagnosis | None:
+    """The `second` diagnosis, beside a lag or another law that was put in the `first`, with this told; None
+    where it accepts nothing, nothing beside which that is still there, or nothing with which unseen data are
+    simulated any better than by the model of `stand`, or far better than by what is accepted `alone`."""
     accepted = [proof for proof in second.proofs if proof.verdict != "rejected"]
-    if not accepted or _is_gone(lag, accepted[0]) or _simulates_worse(accepted[0], stand):
+    if not accepted or _is_gone(first, accepted[0]) or _simulates_worse(accepted[0], stand):
         return None
-    if foresees_no_better(accepted[0], first):
+    if foresees_no_better(accepted[0], alone):
         return None
-    lag = replace(lag, final=accepted[0].told)  # beside what had held it back
-    alone = {proof.candidate.label for proof in first.proofs if proof.verdict != "rejected"}
-    shown = "it shows" if accepted[0].candidate.label in alone else "each of both shows"
+    first = replace(first, final=accepted[0].told)  # beside what had held it back
+    known = {proof.candidate.label for proof in alone.proofs if proof.verdict != "rejected"}
+    shown = "it shows" if accepted[0].candidate.label in known else "each of both shows"
     message = (
-        f"{second.message} {lag.candidate.label} ({told_values(lag)}) is missing besides: {shown} only "
+        f"{second.message} {first.candidate.label} ({told_values(first)}) is missing besides: {shown} only "
         "beside the other, and errors are told beside it."
     )
     others = [proof for proof in second.proofs if proof.verdict == "rejected"]
-    return replace(second, message=message, proofs=(*accepted, lag, *others))
+    return replace(second, message=message, proofs=(*accepted, first, *others))
