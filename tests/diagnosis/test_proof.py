@@ -782,6 +782,11 @@ def test_richer_law_that_rests_at_a_bound_is_the_simple_one():
     inside = replace(fit, parameters=(*simple.fit.parameters, replace(shape, at_bound=None)))
     assert not _ends_in_a_simpler_law(replace(refused, fit=inside), simple)
     assert not _ends_in_a_simpler_law(simple, refused)
+    # So it is where the sensors see both places alike, and not at another one.
+    site = simple.candidate.site
+    behind = replace(simple, candidate=replace(simple.candidate, site=replace(site, name="behind")))
+    assert _ends_in_a_simpler_law(replace(refused, equivalent=("behind",)), behind)
+    assert not _ends_in_a_simpler_law(replace(refused, equivalent=()), replace(behind, equivalent=()))
 
 
 def test_size_that_was_not_estimated_is_no_claim():

@@ -9,7 +9,7 @@ from functools import partial
 from daest.diagnosis.built_in.settled import LOST
 from daest.diagnosis.evidence.law_values import is_simpler, leaves_load_and_errors, unseen_ratio
 from daest.diagnosis.evidence.reasons import NO_BEND, NOT_SIGNIFICANT, STRAIGHT
-from daest.diagnosis.evidence.same_laws import is_same_where_alike
+from daest.diagnosis.evidence.same_laws import is_same_where_alike, is_where_alike
 from daest.diagnosis.evidence.unseen import SIMULATED_WORSE, is_worse
 from daest.diagnosis.gates import GATES
 from daest.model.diagnosis import Proof
@@ -216,13 +216,13 @@ def is_straight_there(refused: Proof, best: Proof) -> bool:
 
 
 def _ends_in_a_simpler_law(refused: Proof, best: Proof) -> bool:
-    """Whether a law with more parameters at the place of the best one has come to a bound of one of them: it
-    is the same law there, rounded otherwise, and no other that acts."""
+    """Whether a law with more parameters at the place of the best one, or where the sensors see it alike, has
+    come to a bound of one of them: it is the same law there, rounded otherwise, and no other that acts."""
     own = f"{refused.candidate.name}."
     rests = any(p.at_bound for p in refused.fit.parameters if p.name.startswith(own))
     more = len(refused.candidate.estimated) > len(best.candidate.estimated)
     unit = refused.candidate.effect.sizes[0].unit == best.candidate.effect.sizes[0].unit
-    return rests and more and unit and refused.candidate.site == best.candidate.site
+    return rests and more and unit and is_where_alike(refused, best)
 
 
 def _is_likelier_part(refused: Proof, best: Proof) -> bool:

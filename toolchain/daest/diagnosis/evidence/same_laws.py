@@ -97,10 +97,13 @@ def is_same_where_alike(refused: Proof, best: Proof) -> bool:
     """Whether a refused law is the accepted one at a place where the sensors see it alike, with the same
     estimates. What makes it likelier is then where the unknown loads come in, before or behind it, and it is
     no other explanation."""
-    are_alike = (
-        refused.candidate.site.name in best.equivalent or best.candidate.site.name in refused.equivalent
-    )
-    return are_alike and _is_same_law(refused, best)
+    return is_where_alike(refused, best) and _is_same_law(refused, best)
+
+
+def is_where_alike(one: Proof, other: Proof) -> bool:
+    """Whether two laws are at one place, or at places where the sensors see them alike."""
+    here, there = one.candidate.site, other.candidate.site
+    return here == there or here.name in other.equivalent or there.name in one.equivalent
 
 
 def _is_same_law(one: Proof, other: Proof) -> bool:
