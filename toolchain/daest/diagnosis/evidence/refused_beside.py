@@ -222,7 +222,8 @@ def _ends_in_a_simpler_law(refused: Proof, best: Proof) -> bool:
     rests = any(p.at_bound for p in refused.fit.parameters if p.name.startswith(own))
     more = len(refused.candidate.estimated) > len(best.candidate.estimated)
     unit = refused.candidate.effect.sizes[0].unit == best.candidate.effect.sizes[0].unit
-    return rests and more and unit and is_where_alike(refused, best)
+    is_there = refused.candidate.site == best.candidate.site or is_where_alike(refused, best)
+    return rests and more and unit and is_there
 
 
 def _is_likelier_part(refused: Proof, best: Proof) -> bool:

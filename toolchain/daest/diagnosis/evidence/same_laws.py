@@ -101,9 +101,9 @@ def is_same_where_alike(refused: Proof, best: Proof) -> bool:
 
 
 def is_where_alike(one: Proof, other: Proof) -> bool:
-    """Whether two laws are at one place, or at places where the sensors see them alike."""
-    here, there = one.candidate.site, other.candidate.site
-    return here == there or here.name in other.equivalent or there.name in one.equivalent
+    """Whether two laws are at two places where the sensors see them alike."""
+    here, there = one.candidate.site.name, other.candidate.site.name
+    return here in other.equivalent or there in one.equivalent
 
 
 def _is_same_law(one: Proof, other: Proof) -> bool:
