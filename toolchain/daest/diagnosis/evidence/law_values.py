@@ -50,6 +50,18 @@ def told_of_effect(proof: Proof) -> list[FittedParameter]:
     return [p for p in proof.told.parameters if p.name in proof.candidate.estimated]
 
 
+def is_less_known(one: Proof, other: Proof) -> bool:
+    """Whether no size of a law is told to stand off zero but by its ratio to a parameter of the model, and one
+    of another law is."""
+    (here, there) = ([p for p in told_of_effect(law) if is_size(law, p)] for law in (one, other))
+    return all(map(is_undetermined, here)) and not all(map(is_undetermined, there))
+
+
+def is_undetermined(p: FittedParameter) -> bool:
+    """Whether an estimate rests at a bound, or does not stand off zero."""
+    return bool(p.at_bound) or abs(p.value) < GATES.min_significance * (p.std_error or np.inf)
+
+
 def agree(a: FittedParameter, b: FittedParameter) -> bool:
     """Whether two estimates are within one standard error of their difference."""
     return abs(a.value - b.value) <= np.hypot(a.std_error or 0.0, b.std_error or 0.0)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 from daest.diagnosis.built_in.settled import LOST
-from daest.diagnosis.evidence.law_values import is_simpler, leaves_load_and_errors, unseen_ratio
+from daest.diagnosis.evidence.law_values import is_less_known, is_simpler, leaves_load_and_errors, unseen_ratio
 from daest.diagnosis.evidence.reasons import NO_BEND, NOT_SIGNIFICANT, STRAIGHT
 from daest.diagnosis.evidence.same_laws import is_same_where_alike, is_where_alike
 from daest.diagnosis.evidence.unseen import SIMULATED_WORSE, is_worse
@@ -238,7 +238,9 @@ def _is_torn(refused: Proof, best: Proof) -> bool:
     """Whether predictions of unseen data speak against a law, and their simulation, those over the longest
     horizon, or their likelihood do not: that is better than the best law's, or as good. Where nothing but
     their whole simulation speaks against it, which adds up what is missing besides, their likelihood may
-    contradict that, too."""
+    contradict that, too. Not where none of its sizes is known, and the best law's is."""
+    if is_less_known(refused, best):
+        return False
     if not any(is_worse(one) for one in refused.ahead):
         return refused.reason.startswith(SIMULATED_WORSE) and _is_confirmed_more(refused, best)
     is_longer = unseen_ratio(best, refused) < GATES.max_rival_error or _lasts(best, refused)

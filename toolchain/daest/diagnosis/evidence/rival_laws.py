@@ -8,7 +8,9 @@ from daest.diagnosis.evidence.law_values import (
     agree,
     ahead_of,
     bic_beside,
+    is_less_known,
     is_size,
+    is_undetermined,
     open_shapes,
     own_sizes,
     told_of_effect,
@@ -162,15 +164,17 @@ def _is_as_likely(refused: Proof, best: Proof) -> bool:
 
 def is_vague(richer: Proof, simple: Proof) -> bool:
     """Whether a law at the place of a simple one goes beyond it by parameters of which the data leave one
-    undetermined: it may stand for the way in which the simple law is rounded."""
+    undetermined: it may stand for the way in which the simple law is rounded. Where no size of it is known
+    in what is told, but by its ratio to a parameter of the model, and the simple law's is, it speaks no more
+    against that than a law that is refused: a spring that relaxes does much of what dry friction does."""
     known = {p.name.rpartition(".")[2] for p in own_sizes(simple)}
     more = [p for p in own_sizes(richer) if p.name.rpartition(".")[2] not in known]
-    return (
-        richer.candidate.site == simple.candidate.site
-        and len(own_sizes(richer)) > len(known)
-        and simple.delta_log_likelihood > GATES.min_vague_gain * richer.delta_log_likelihood
-        and any(p.at_bound or abs(p.value) < GATES.min_significance * (p.std_error or np.inf) for p in more)
-    )
+    if richer.candidate.site != simple.candidate.site or len(own_sizes(richer)) <= len(known):
+        return False
+    is_blurred = is_less_known(richer, simple)
+    least = GATES.min_refused_gain if is_blurred else GATES.min_vague_gain
+    gains_enough = simple.delta_log_likelihood > least * richer.delta_log_likelihood
+    return gains_enough and (is_blurred or any(map(is_undetermined, more)))
 
 
 def is_of_the_kink(richer: Proof, simple: Proof) -> bool:
