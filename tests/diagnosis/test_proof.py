@@ -789,6 +789,30 @@ def test_richer_law_that_rests_at_a_bound_is_the_simple_one():
     assert not _ends_in_a_simpler_law(replace(refused, equivalent=()), replace(behind, equivalent=()))
 
 
+def test_law_of_which_no_size_is_known_leaves_a_known_one_open():
+    _, simple = proved()
+    own = next(p for p in simple.told.parameters if p.name.startswith(simple.candidate.name))
+    shape = replace(own, name=f"{simple.candidate.name}.T", value=5.0 * (own.std_error or 0.0))
+    unknown = replace(own, std_error=abs(own.value))
+    spring = next(e for e in some_effects("RelaxingSpring"))
+
+    def fitted(size, gain):
+        others = tuple(p for p in simple.fit.parameters if p is not own and p.name != own.name)
+        fit = replace(simple.fit, parameters=(*others, size, shape))
+        wide = replace(simple.candidate.effect.parameters[0], name="T", role="shape", estimate=True)
+        sizes = (simple.candidate.effect.sizes[0], wide)
+        candidate = replace(simple.candidate, effect=replace(spring, parameters=sizes))
+        more = {"delta_log_likelihood": gain, "delta_bic": 2.0 * gain - 10.0, "ahead": simple.ahead}
+        return replace(simple, candidate=candidate, fit=fit, final=fit, **more)
+
+    nearly = simple.delta_log_likelihood / 0.8
+    for law, is_open in ((fitted(unknown, nearly), True), (fitted(own, nearly), False)):
+        verdicts = [p.verdict for p in ranked([simple, law])]
+        assert verdicts == (["not separable"] * 2 if is_open else ["supported", "rejected"])
+    far = fitted(unknown, simple.delta_log_likelihood / 0.6)
+    assert [p.verdict for p in ranked([simple, far])] == ["supported", "rejected"]
+
+
 def test_size_that_was_not_estimated_is_no_claim():
     prepared, proof = proved()
     fit = replace(proof.fit, parameters=proof.fit.parameters[:2])
