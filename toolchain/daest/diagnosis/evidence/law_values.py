@@ -51,8 +51,8 @@ def told_of_effect(proof: Proof) -> list[FittedParameter]:
 
 
 def is_less_known(one: Proof, other: Proof) -> bool:
-    """Whether no size of a law is told to stand off zero but by its ratio to a parameter of the model, and one
-    of another law is."""
+    """Whether no size of a law is told to stand off zero, but by its ratio to a parameter of the model, and
+    one of another law is."""
     (here, there) = ([p for p in told_of_effect(law) if is_size(law, p)] for law in (one, other))
     return all(map(is_undetermined, here)) and not all(map(is_undetermined, there))
 

@@ -7,7 +7,12 @@ from dataclasses import replace
 from functools import partial
 
 from daest.diagnosis.built_in.settled import LOST
-from daest.diagnosis.evidence.law_values import is_less_known, is_simpler, leaves_load_and_errors, unseen_ratio
+from daest.diagnosis.evidence.law_values import (
+    is_less_known,
+    is_simpler,
+    leaves_load_and_errors,
+    unseen_ratio,
+)
 from daest.diagnosis.evidence.reasons import NO_BEND, NOT_SIGNIFICANT, STRAIGHT
 from daest.diagnosis.evidence.same_laws import is_same_where_alike, is_where_alike
 from daest.diagnosis.evidence.unseen import SIMULATED_WORSE, is_worse
