@@ -221,8 +221,7 @@ class Course:
         those that were refitted as what the loads stand for."""
         if is_settled(ranked(proofs)):
             return proofs
-        known = {proof.candidate.name for proof in proofs}
-        untried = [trial for trial in wanted if trial.candidate.name not in known]
+        untried = _untried(wanted, [proof.candidate for proof in proofs])
         proofs += stages.proved(stages.prepared(untried), proofs)[0]
         return stages.second_tries(proofs, self.screens[0])
 
