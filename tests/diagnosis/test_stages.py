@@ -14,7 +14,7 @@ from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.refits import course as course_module
 from daest.diagnosis.refits import stages as stages_module
 from daest.diagnosis.refits.course import Course, _by_states, _left
-from daest.diagnosis.refits.stages import DynamicTasks, Stages, _has_fallen_short
+from daest.diagnosis.refits.stages import DynamicTasks, Stages, _has_fallen_short, is_same
 from daest.model.diagnosis import InUse
 from daest.model.fit import Agreement
 
@@ -336,3 +336,15 @@ def test_a_refit_from_estimates_without_loads_has_the_names_of_its_own_place():
     law, there = SimpleNamespace(name="effect_4_1"), SimpleNamespace(name="effect_9_1")
     prepared = SimpleNamespace(trial=SimpleNamespace(candidate=law), names=("effect", "effect_4_1.k"))
     assert trials_module._names_at(prepared, there) == ("effect", "effect_9_1.k")
+
+
+def test_law_of_another_variable_is_another_law() -> None:
+    """At one place of one class: heat of the sun and heat of a second window are no law twice."""
+
+    def law(site: str, **inputs: str) -> Any:
+        effect = SimpleNamespace(class_name="MeasuredHeat")
+        return SimpleNamespace(effect=effect, site=SimpleNamespace(name=site), inputs=inputs)
+
+    trial = Trial(law("room", q="sun"), (1.0,), (law("wall", q="sun"),))
+    assert is_same(trial, law("room", q="sun")) and is_same(trial, law("wall", q="sun"))
+    assert not is_same(trial, law("room", q="window")) and not is_same(trial, law("corridor", q="sun"))

@@ -371,9 +371,12 @@ class Stages:
 
 
 def is_same(trial: Trial, candidate: Candidate) -> bool:
-    """Whether a candidate is the trial, at its place or at one that the sensors see alike."""
-    places = {trial.candidate.site.name, *(c.site.name for c in trial.alike)}
-    return trial.candidate.effect.class_name == candidate.effect.class_name and candidate.site.name in places
+    """Whether a candidate is the trial, of the same variables, at its place or at one that the sensors see
+    alike."""
+    wanted = trial.candidate
+    places = {wanted.site.name, *(c.site.name for c in trial.alike)}
+    is_law = wanted.effect.class_name == candidate.effect.class_name and wanted.inputs == candidate.inputs
+    return is_law and candidate.site.name in places
 
 
 def _says_as_much(simple: InOpenLoop, other: InOpenLoop) -> bool:
