@@ -57,6 +57,12 @@ def test_modelica_unit_expressions(text, factors):
         ("kgm²", "kg.m2", 1.0),
         ("bar", "Pa", 1e5),
         ("l/min", "m3/s", 1e-3 / 60),
+        ("1/min", "rpm", 1.0),
+        ("rpm", "1/min", 1.0),
+        ("min-1", "rev/min", 1.0),
+        ("Hz", "rpm", 60.0),
+        ("rpm", "Hz", 1 / 60),
+        ("Hz", "rev/s", 1.0),
     ],
 )
 def test_scale_is_the_definition(given, wanted, scale):
@@ -71,7 +77,9 @@ def test_temperatures_convert_with_offset():
     assert conversion("degF", "degC")(np.array([32.0, 212.0])) == pytest.approx([0.0, 100.0], abs=1e-9)
 
 
-@pytest.mark.parametrize(("given", "wanted"), [("V", "A"), ("N", "N.m"), ("rad", "m"), ("Hz", "rad/s")])
+@pytest.mark.parametrize(
+    ("given", "wanted"), [("V", "A"), ("N", "N.m"), ("rad", "m"), ("Hz", "rad/s"), ("1/min", "deg/s")]
+)
 def test_units_that_do_not_fit_name_both(given, wanted):
     with pytest.raises(DataError) as caught:
         conversion(given, wanted)

@@ -203,6 +203,8 @@ def test_turns_in_a_minute_are_proposed_as_rpm():
     matches = match_columns(signals, din)
     assert [match.column for match in matches] == ["U", "n", "M"]
     assert named_units(matches, din) == {"n": "rpm"}
+    assert named_units(match_columns([Signal("rate", "deg/s")], din), din) == {"n": "rpm"}
+    assert named_units(match_columns([Signal("rate", "rpm")], din), din) == {}  # 1/min is that already
     assert with_units(din, {"n": "rpm"}).columns[2].unit == "rpm"
     with pytest.raises(DataError, match="gives 'M' the unit 'Nm'"):
         with_units(din, {"M": "rpm"})
@@ -215,3 +217,19 @@ def test_an_output_is_found_by_the_name_of_the_unknown_that_it_equals():
     how = "name of what it equals"
     found = [(match.column, match.how) for match in match_columns(signals, columns, None, equal)]
     assert found == [("S", how), ("P", how), (None, None)]
+
+
+def test_most_words_of_a_description_decide_and_words_of_a_name_count():
+    signals = [Signal("M1", "N.m"), Signal("M2", "N.m"), Signal("n1", "rpm"), Signal("n2", "rpm")]
+    texts = ("torque of the motor", "torque of the brake", "speed of the motor", "speed of the brake")
+    described = dict(zip("M1 M2 n1 n2".split(), texts, strict=True))
+    headers = ("time", "Motor torque", "Brake torque", "Motor speed", "Brake speed")
+    found = [match.column for match in match_columns(signals, table(*headers), described)]
+    assert found == list(headers[1:])
+    twice = table("time", "Motor torque", "Motor torque raw", "Motor speed")
+    assert match_columns(signals[:1], twice, described)[0].column is None
+    powers = [Signal("P_heater", "kW"), Signal("P_jets", "kW")]
+    assert proposals(powers, "time", "heater_kW", "jets_kW", "heating_kW") == [
+        ("heater_kW", "description"),
+        ("jets_kW", "description"),
+    ]

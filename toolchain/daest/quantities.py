@@ -82,6 +82,13 @@ _TOGETHER = {  # products written without a mark between their units; pint takes
     "As": ("A", "s"),
 }
 _OF_GRAVITY = {"g": "standard_gravity", "mg": "millistandard_gravity"}  # as sensors of acceleration have it
+_TURNS: tuple[tuple[Factors, float], ...] = (  # units that count turns in a time, in turns a second
+    ({"rpm": 1}, 1 / 60),
+    ({"turn": 1, "min": -1}, 1 / 60),
+    ({"min": -1}, 1 / 60),
+    ({"turn": 1, "s": -1}, 1.0),
+    ({"Hz": 1}, 1.0),
+)
 _MOST_UNITS = 1000  # whose dimensions are remembered: models ask for those of a few units thousands of times
 _TEMPERATURES = {"degC", "degF", "degRk", "K"}
 
@@ -205,7 +212,7 @@ def conversion(given: str, wanted: str) -> Conversion:
 
     rad counts as 1, deg as π/180. A bare temperature converts with its offset (degC to K); in a product it
     is a difference. As an acceleration g is that of gravity, no gram. Neither Hz nor 1/min becomes rad/s:
-    whether a turn or a radian is meant cannot be known.
+    whether a turn or a radian is meant cannot be known; beside rpm and rev/s it is a turn.
     Raises DataError `unit-incompatible` or `unit-unknown`.
     """
     if given == wanted:
@@ -213,12 +220,15 @@ def conversion(given: str, wanted: str) -> Conversion:
     source, target = parse_unit(given), parse_unit(wanted)
     if source == target:
         return Conversion()
-    if ("Hz" in source and "rad" in target) or ("rad" in source and "Hz" in target):
+    turns = _turns_per_second(source), _turns_per_second(target)
+    if turns[0] is not None and turns[1] is not None:
+        return Conversion(turns[0] / turns[1])
+    if ("Hz" in source and _has_angle(target)) or (_has_angle(source) and "Hz" in target):
         remedy = (
             "write rev/s for turns, or rad/s for angles, in the header or under [data.units] in daest.toml"
         )
         raise _incompatible(given, wanted, remedy)
-    if source == {"min": -1} and "rad" in target:
+    if source == {"min": -1} and _has_angle(target):
         remedy = (
             "write rpm for turns, or rad/min for angles, in the header or under [data.units] in daest.toml"
         )
@@ -228,6 +238,16 @@ def conversion(given: str, wanted: str) -> Conversion:
     if _is_temperature(source) and _is_temperature(target):
         return _temperature_conversion(_only_symbol(source), _only_symbol(target))
     return _proportional(source, target, given, wanted)
+
+
+def _turns_per_second(factors: Factors) -> float | None:
+    """What one of the unit is in turns a second, where it counts turns in a time, or something beside turns
+    (1/min, Hz). None of 1/s, as which rad/s is written, too."""
+    return next((size for unit, size in _TURNS if unit == factors), None)
+
+
+def _has_angle(factors: Factors) -> bool:
+    return any(symbol in factors for symbol in ("rad", "mrad", "deg"))
 
 
 def converts(given: str, wanted: str) -> bool:

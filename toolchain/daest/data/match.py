@@ -85,10 +85,11 @@ def named_units(matches: Sequence[Match], table: Table) -> dict[str, str]:
 
 
 def _told_unit(column: Column, signal: Signal) -> str:
-    """The unit of a column that may be the signal: rpm for 1/min where the signal is an angular speed, since
-    nobody counts radians in a minute."""
+    """The unit of a column that may be the signal: rpm for 1/min where the signal is an angular speed in
+    rad/s or deg/s, since nobody counts radians in a minute."""
     unit = column_unit(column)
-    is_speed = may_count_turns(unit, "rpm") and _same_kind("rpm", signal.unit) and "rad" in signal.unit
+    is_speed = may_count_turns(unit, "rpm") and _same_kind("rpm", signal.unit)
+    is_speed = is_speed and not _same_kind(unit, signal.unit)
     return "rpm" if is_speed else unit
 
 
@@ -133,8 +134,9 @@ def match_columns(
 ) -> list[Match]:
     """One proposal per signal: the column of the same name, else of the same name but for case or a trailing
     unit (`position_m`), else such a one of the unknown that it equals, else the only free one whose name has
-    the signal's in it (`goal_position` for `goal`) and whose unit fits, else the one whose name has a word of
-    what the model says of the signal (`T_office` for "Office"), else the only free column of a fitting unit
+    the signal's in it (`goal_position` for `goal`) and whose unit fits, else the one whose name has most words
+    of what the model says of the signal, its name included (`T_office` for "Office", `heater_kW` for
+    `P_heater`), else the only free column of a fitting unit
     where no other signal has that unit. Where one signal and one column are left in the end, they belong
     together unless their units differ in kind. `described` holds the descriptions by signal, `equal` the
     names of the unknowns that signals equal."""
@@ -171,24 +173,29 @@ def match_columns(
 def _described_pairs(
     signals: Sequence[Signal], columns: Sequence[Column], described: Mapping[str, str]
 ) -> list[tuple[Signal, Column]]:
-    """Signals and columns that name each other alone: a word of the description stands in the name of the
-    column, in no other column that the signal may be, and no other signal fits that column so."""
-    fits = [
-        (signal, column)
-        for signal in signals
-        for column in columns
-        if _may_be(signal, column) and _is_described(column, described.get(signal.name, ""))
-    ]
+    """Signals and columns that name each other best: of the words of the description and of the name, more
+    stand in the name of the column than in that of any other that the signal may be, and than any other
+    signal has there."""
+    shared = {
+        (i, k): _shared_words(column, signal.name, described.get(signal.name, ""))
+        for i, signal in enumerate(signals)
+        for k, column in enumerate(columns)
+        if _may_be(signal, column)
+    }
     return [
-        (signal, column)
-        for signal, column in fits
-        if sum(other is signal for other, _ in fits) == sum(other is column for _, other in fits) == 1
+        (signals[i], columns[k])
+        for (i, k), count in shared.items()
+        if count > 0 and all(n < count for pair, n in shared.items() if (pair[0] == i) != (pair[1] == k))
     ]
 
 
-def _is_described(column: Column, description: str) -> bool:
-    telling = [word for word in _words(description) if len(word) >= TELLING_LETTERS]
-    return any(word in part for word in telling for part in _words(stem(column)))
+def _shared_words(column: Column, name: str, description: str) -> int:
+    """How many telling words of the signal stand in the name of the column; those of its description also as
+    a part of a longer one."""
+    named, described = ({w for w in _words(t) if len(w) >= TELLING_LETTERS} for t in (name, description))
+    parts = _words(stem(column))
+    whole = named & parts
+    return len(whole) + sum(any(word in part for part in parts) for word in described - whole)
 
 
 def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) -> bool:
