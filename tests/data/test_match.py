@@ -222,7 +222,7 @@ def test_an_output_is_found_by_the_name_of_the_unknown_that_it_equals():
 def test_most_words_of_a_description_decide_and_words_of_a_name_count():
     signals = [Signal("M1", "N.m"), Signal("M2", "N.m"), Signal("n1", "rpm"), Signal("n2", "rpm")]
     texts = ("torque of the motor", "torque of the brake", "speed of the motor", "speed of the brake")
-    described = dict(zip("M1 M2 n1 n2".split(), texts, strict=True))
+    described = dict(zip(["M1", "M2", "n1", "n2"], texts, strict=True))
     headers = ("time", "Motor torque", "Brake torque", "Motor speed", "Brake speed")
     found = [match.column for match in match_columns(signals, table(*headers), described)]
     assert found == list(headers[1:])

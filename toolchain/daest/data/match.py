@@ -134,12 +134,11 @@ def match_columns(
 ) -> list[Match]:
     """One proposal per signal: the column of the same name, else of the same name but for case or a trailing
     unit (`position_m`), else such a one of the unknown that it equals, else the only free one whose name has
-    the signal's in it (`goal_position` for `goal`) and whose unit fits, else the one whose name has most words
-    of what the model says of the signal, its name included (`T_office` for "Office", `heater_kW` for
-    `P_heater`), else the only free column of a fitting unit
-    where no other signal has that unit. Where one signal and one column are left in the end, they belong
-    together unless their units differ in kind. `described` holds the descriptions by signal, `equal` the
-    names of the unknowns that signals equal."""
+    the signal's in it (`goal_position` for `goal`) and whose unit fits, else the one whose name has most
+    words of what the model says of the signal, its name included (`T_office` for "Office", `heater_kW` for
+    `P_heater`), else the only free column of a fitting unit where no other signal has that unit. Where one
+    signal and one column are left in the end, they belong together unless their units differ in kind.
+    `described` holds the descriptions by signal, `equal` the names of the unknowns that signals equal."""
     proposed = propose_time(table)
     free = [
         column
