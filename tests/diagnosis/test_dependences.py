@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,14 +11,21 @@ from scipy.integrate import solve_ivp
 from test_proof import proved
 
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.evidence.reasons import may_be_a_bend
 from daest.diagnosis.evidence.stand import begin, halved
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.refits.dependences import dependence_screen, dependences, refused_where_errors_last
+from daest.diagnosis.refits.dependences import (
+    _combined,
+    dependence_screen,
+    dependences,
+    refused_where_errors_last,
+)
 from daest.diagnosis.screening.screen import run_null
 from daest.model.effects import Site
 from daest.model.experiment import Experiment
 from daest.modelica.change import declare
 from daest.modelica.compile import compile_model
+from daest.modelica.effects.attach import attach
 from daest.modelica.places.sites import changeable
 
 PERIOD, N, NOISE, MIDDLE = 0.05, 800, 0.5, 90.0
@@ -104,3 +112,30 @@ end Fall;
 """)
     flat = declare(compile_model(tmp_path / "Fall.mo"), estimate=("a",))
     assert {site.name for site in changeable(flat)} == {"g_moon", "k", "a"}
+
+
+def test_an_output_of_several_variables_is_one_that_parameters_may_change_with(tmp_path):
+    """The stroke of a spring between two heights; not a height in mm, nor a sensor that was put in."""
+    (tmp_path / "Strut.mo").write_text("""model Strut
+  parameter Real c(unit = "N/m") = 100; parameter Real m(unit = "kg") = 1;
+  input Real road(unit = "m"); output Real stroke(unit = "mm"); output Real height(unit = "mm");
+  Real z(unit = "m", start = 0); Real v(unit = "m/s", start = 0);
+equation
+  der(z) = v; m*der(v) = c*(road - z); stroke = 1000*(road - z); height = 1000*z;
+end Strut;
+""")
+    flat = compile_model(tmp_path / "Strut.mo")
+    assert _combined(SimpleNamespace(flat=flat)) == ["stroke"]
+    (offset,) = (effect for effect in library() if effect.name == "Offset")
+    with_sensor = attach(flat, offset, Site("stroke", "output", "signal"))
+    assert _combined(SimpleNamespace(flat=with_sensor)) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "rms", "may_be"),
+    [("EndStop", 2.0, True), ("EndStop", 1.05, False), ("CoulombFriction", 2.0, False)],
+)
+def test_a_stop_that_leaves_errors_that_last_may_be_a_smooth_bend(name, rms, may_be):
+    effect = next(one for one in library() if one.class_name == f"Daest.Effects.Translational.{name}")
+    told = SimpleNamespace(simulated={"validation": SimpleNamespace(rms={"y": rms}, white={"y": 1.0})})
+    assert may_be_a_bend(SimpleNamespace(candidate=SimpleNamespace(effect=effect), told=told)) is may_be

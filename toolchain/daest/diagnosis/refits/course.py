@@ -28,7 +28,7 @@ from daest.diagnosis.evidence.ranking import (
     most_likely,
     ranked,
 )
-from daest.diagnosis.evidence.reasons import is_significant
+from daest.diagnosis.evidence.reasons import is_significant, may_be_a_bend
 from daest.diagnosis.evidence.stand import Stand
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import are_driven_off
@@ -324,7 +324,8 @@ class Course:
         law is accepted and something is left to explain, or the accepted one leaves errors that last, and no
         other law takes those: it is asked next."""
         best = best_accepted(ranked(proofs))
-        leaves_errors = best is not None and errors_last(best) and not any(_is_next(p, best) for p in proofs)
+        lasts = best is not None and (errors_last(best) or may_be_a_bend(best))
+        leaves_errors = lasts and not any(_is_next(p, best) for p in proofs)
         if not (self._is_open(proofs) or (leaves_errors and not self.options.is_over)):
             return proofs
         found = dependence_screen(self.stand.null, self.loads.run, self._dependences, self.options.seed)
@@ -351,7 +352,7 @@ class Course:
         if reference is None or reference.simulated is None:
             return proofs
         best = best_accepted(ranked(proofs))
-        leaves_errors = best is not None and best.is_by_use and errors_last(best)
+        leaves_errors = best is not None and best.is_by_use and (errors_last(best) or may_be_a_bend(best))
         if not (self._is_open(proofs) or (leaves_errors and not self.options.is_over)):
             return proofs
         null, seed = self.stand.null, self.options.seed

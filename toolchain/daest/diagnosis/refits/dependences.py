@@ -115,14 +115,32 @@ def _middles(null: Null, run: NullObserver, most: int) -> dict[str, float]:
     """The means of the variables that move in all recordings, at most as many: measured ones, states,
     inputs. Not those of effects that were put in: no machine changes with what its sensor makes of it."""
     courses = [internal_variables(null, run, i) for i in range(len(null.experiments))]
+    courses = [
+        course | {name: one.output(name) for name in _combined(null) if name in one.output_names}
+        for course, one in zip(courses, null.experiments, strict=True)
+    ]
     loads = {load.name for load in null.loads}
     states = [name for name in null.explicit.state_names if name not in loads]
     measured = [y.name() for y in ca.vertsplit(null.flat.output_expressions) if y.is_symbolic()]
-    wanted = dict.fromkeys((*measured, *states, *null.experiments[0].input_names))
+    wanted = dict.fromkeys((*measured, *_combined(null), *states, *null.experiments[0].input_names))
     own = [name for name in wanted if name.partition(".")[0] not in null.flat.attached]
     shared = [name for name in own if all(name in course for course in courses)]
     whole = {name: np.concatenate([course[name] for course in courses]) for name in shared[:most]}
-    return {name: _rounded(float(np.mean(x)), float(np.std(x))) for name, x in whole.items()}
+    return {name: _rounded(float(np.nanmean(x)), float(np.nanstd(x))) for name, x in whole.items()}
+
+
+def _combined(null: Null) -> list[str]:
+    """Measured outputs that say more than one variable: the stroke of a spring, between the heights of its
+    ends. What is in proportion to one, as a speed in rpm, is that one."""
+    flat = null.flat
+    variables, constants = {*flat.unknown_names, *flat.input_names}, set(flat.parameter_names)
+    found = []
+    for output, expression in zip(flat.outputs, ca.vertsplit(flat.output_expressions), strict=True):
+        names = {symbol.name() for symbol in ca.symvar(expression)} - constants
+        is_own = not any(name.partition(".")[0] in flat.attached for name in names)
+        if len(names) > 1 and names <= variables and is_own:
+            found.append(output.name)
+    return found
 
 
 def _rounded(middle: float, spread: float) -> float:
