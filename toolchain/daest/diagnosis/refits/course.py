@@ -324,8 +324,7 @@ class Course:
         law is accepted and something is left to explain, or the accepted one leaves errors that last, and no
         other law takes those: it is asked next."""
         best = best_accepted(ranked(proofs))
-        lasts = best is not None and (errors_last(best) or may_be_a_bend(best))
-        leaves_errors = lasts and not any(_is_next(p, best) for p in proofs)
+        leaves_errors = best is not None and _leaves(best) and not any(_is_next(p, best) for p in proofs)
         if not (self._is_open(proofs) or (leaves_errors and not self.options.is_over)):
             return proofs
         found = dependence_screen(self.stand.null, self.loads.run, self._dependences, self.options.seed)
@@ -352,7 +351,7 @@ class Course:
         if reference is None or reference.simulated is None:
             return proofs
         best = best_accepted(ranked(proofs))
-        leaves_errors = best is not None and best.is_by_use and (errors_last(best) or may_be_a_bend(best))
+        leaves_errors = best is not None and best.is_by_use and _leaves(best)
         if not (self._is_open(proofs) or (leaves_errors and not self.options.is_over)):
             return proofs
         null, seed = self.stand.null, self.options.seed
@@ -460,6 +459,12 @@ def _is_enough(best: Proof, before: FitResult) -> bool:
     ratios = error_ratios(before.simulated, best.told.simulated)
     is_better = bool(ratios) and max(ratios) <= GATES.max_clear_ratio
     return best.verdict == "supported" and not best.is_by_use and is_better
+
+
+def _leaves(best: Proof) -> bool:
+    """Whether a parameter that changes may be what acts beside or instead of an accepted law: that leaves
+    errors that last, or little of them with a kink that may be a smooth bend."""
+    return errors_last(best) or may_be_a_bend(best)
 
 
 def _is_next(other: Proof, best: Proof) -> bool:
