@@ -114,12 +114,12 @@ def test_a_period_is_told_from_recordings_that_show_all_of_it(
 
 
 @pytest.mark.parametrize(
-    ("kink", "is_fitted", "is_shown"), [(0.018, True, False), (0.01, True, True), (0.018, False, True)]
+    ("kink", "is_fitted", "is_shown"), [(0.01, True, False), (0.007, True, True), (0.01, False, True)]
 )
 def test_a_square_is_told_from_flows_beyond_its_rounding(
     monkeypatch: pytest.MonkeyPatch, kink: float, is_fitted: bool, is_shown: bool
 ) -> None:
-    """A pressure drop with its kink fitted to twice the largest flow is a straight line and a cube there."""
+    """Within a kink that is fitted to more than the largest flow a drop is a straight line and a cube."""
     effect = daest.find_effect("Daest.Effects.Hydraulic.Orifice")
     candidate = SimpleNamespace(name="drop", effect=effect)
     fitted = (SimpleNamespace(name="drop.q_s"),) if is_fitted else ()
