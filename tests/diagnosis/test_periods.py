@@ -104,28 +104,10 @@ def test_a_period_is_told_from_recordings_that_show_all_of_it(
     values = np.linspace(*way, 50)
     effect = daest.find_effect("Daest.Effects.Translational.CoggingForce")
     candidate = SimpleNamespace(name="cogging", effect=effect)
-    fit = SimpleNamespace(theta={"cogging.p": 0.03}, parameters=())
+    fit = SimpleNamespace(theta={"cogging.p": 0.03})
     monkeypatch.setattr(reasons, "grown", lambda *_: None)
     monkeypatch.setattr(reasons, "largest_values", lambda _: {"cogging.s": float(np.max(np.abs(values)))})
     monkeypatch.setattr(reasons, "values_along", lambda *_: values[None])
     model: Any = SimpleNamespace(flat=None, explicit=None, experiments=())
     found = reasons.without_form(model, cast(Any, candidate), cast(Any, fit))
     assert ("too little of its form" in found) != is_shown
-
-
-@pytest.mark.parametrize(
-    ("kink", "is_fitted", "is_shown"), [(0.01, True, False), (0.007, True, True), (0.01, False, True)]
-)
-def test_a_square_is_told_from_flows_beyond_its_rounding(
-    monkeypatch: pytest.MonkeyPatch, kink: float, is_fitted: bool, is_shown: bool
-) -> None:
-    """Within a kink that is fitted to more than the largest flow a drop is a straight line and a cube."""
-    effect = daest.find_effect("Daest.Effects.Hydraulic.Orifice")
-    candidate = SimpleNamespace(name="drop", effect=effect)
-    fitted = (SimpleNamespace(name="drop.q_s"),) if is_fitted else ()
-    fit = SimpleNamespace(theta={"drop.q_s": kink}, parameters=fitted)
-    monkeypatch.setattr(reasons, "grown", lambda *_: None)
-    monkeypatch.setattr(reasons, "largest_values", lambda _: {"drop.q": 0.0085})
-    model: Any = SimpleNamespace(flat=None, explicit=None, experiments=())
-    found = reasons.without_form(model, cast(Any, candidate), cast(Any, fit))
-    assert ("too little of its form (q_s" in found) != is_shown

@@ -248,12 +248,8 @@ def without_form(model: Null, candidate: Candidate, told: FitResult) -> str:
 
 def unseen_scales(model: Null, candidate: Candidate, told: FitResult) -> dict[str, tuple[float, float]]:
     """The lengths and speeds over which the law has its form that are far beyond what the recordings reach:
-    by name the value and that reach. What rounds a kink is one of them where it was fitted, and beyond that
-    reach: nothing but the rounding is seen then, and within it a square is a straight line with a cube."""
-    fitted = {p.name for p in told.parameters}
-    kinks = [p for p in candidate.effect.parameters if p.role == "sharpness" and p.scale_of]
-    kinks = [p for p in kinks if not p.is_scaled_by_rate and f"{candidate.name}.{p.name}" in fitted]
-    scaled = [p for p in scaled_shapes(candidate) if not _is_place(p)] + kinks
+    by name the value and that reach."""
+    scaled = [p for p in scaled_shapes(candidate) if not _is_place(p)]
     if not scaled:
         return {}
     run = grown(model, model.flat, model.explicit, told, model.experiments)
@@ -263,7 +259,7 @@ def unseen_scales(model: Null, candidate: Candidate, told: FitResult) -> dict[st
         value = abs(told.theta[f"{candidate.name}.{p.name}"])
         variable = scaled_by(candidate, p)
         most = _half_way(run, variable) if p.periods_over else reached.get(variable, np.inf)
-        if value > (1.0 / GATES.max_form_in_kink if p in kinks else GATES.max_scale) * most:
+        if value > GATES.max_scale * most:
             found[p.name] = (value, most)
     return found
 
