@@ -331,6 +331,15 @@ def test_clock(code):
     assert code in codes and set(codes) <= {code, "check-clock-gap"}
 
 
+def test_a_clock_of_few_digits_changes_no_rate():
+    """Steps of 0.2 and 0.21 s, of which the halves have a few more of the one or of the other."""
+    steps = np.concatenate([np.full(500, 0.2048), np.full(500, 0.2052)])
+    time = np.round(np.cumsum(steps), 2)
+    medians = [np.median(half) for half in np.split(np.diff(time)[1:].round(2), [499])]
+    assert medians == [0.2, 0.21]
+    assert not [finding for finding in clock_findings(time) if finding.code == "check-clock-rate"]
+
+
 def test_an_input_that_changes_in_a_pause_of_the_clock_is_told():
     """A logger that sleeps for half a minute while the heater is switched off."""
     time = PERIOD * np.arange(N)
