@@ -533,6 +533,28 @@ def test_lag_of_the_only_sensor_of_what_nothing_drives_is_any_store(effect, loss
     assert reasons._is_one_more_store(model, late) is is_same
 
 
+@pytest.mark.parametrize(
+    ("levels", "every", "limit", "is_same"),
+    [
+        ((0.0, 1.0), 20, 0.5, True),
+        ((1.0, 2.0, 1.0, 0.0), 20, 0.5, True),  # up and down by one size
+        ((0.0, 1.0, 0.0, 2.0), 20, 0.5, False),  # the larger step takes longer
+        ((0.0, 1.0), 1, 0.5, False),  # turns back on its ramp
+    ],
+)
+def test_limited_rate_of_equal_steps_is_a_dead_time_or_lags(levels, every, limit, is_same):
+    """A square wave shows ramps of one length: no sample tells that they would last longer for a larger step."""
+    flat = compile_text(MUG.replace(b"LOSS", b""), Path("Mug.mo"))
+    time = np.arange(200.0)
+    room = np.resize(np.repeat(levels, every), 200)
+    run = Experiment("run", time, room[:, None], np.zeros((200, 1)), ("T_room",), ("T",))
+    (slow,) = (c for c in pairs(some_effects("RateLimit"), sites(flat)) if c.site.kind == "input")
+    model = SimpleNamespace(flat=flat, experiments=(run,))
+    told = SimpleNamespace(theta={f"{slow.name}.limit": limit})
+    expected = "a dead time or lags that smooth T_room, whose steps are all of one size, over 2 s"
+    assert same_in_machine(model, slow, told) == (expected if is_same else "")
+
+
 def test_readings_of_a_sensor_that_cuts_are_noise_beyond_its_limit():
     """A force of 14 kN is none of a load cell that shows 10 kN: what slips there is the machine."""
     noise = 0.05 * np.random.default_rng(1).normal(size=600)

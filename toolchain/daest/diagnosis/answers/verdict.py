@@ -48,6 +48,7 @@ MOVING = (
     "(--from, --to), or another recording."
 )
 BESIDE_SENSOR = "Calibrate the sensor, or measure the same quantity by another one."
+STEP_SIZES = "Drive `{name}` by steps of several sizes: a limited rate takes longer for larger ones."
 EARLIER = (
     "The recording is likelier, by {gain:.0f} in log-likelihood, if {names} {time} before they are "
     "recorded: no law comes before its cause, and none says more."
@@ -253,12 +254,14 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
 
 
 def _as_well_inside(evidence: Evidence, proof: Proof) -> Decided | None:
-    """No claim for a law of a sensor that is the same equation as one in the machine before it; None where it
-    is none."""
+    """No claim for a law of a sensor that is the same equation as one in the machine before it, or for one of
+    an input that is the same as others for steps of one size; None where it is none."""
     if not proof.inside:
         return None
     why = f"on these recordings it is the same equation as {proof.inside} ({told_values(proof)})"
-    decided = _beside(evidence, [proof], proof.inside, why, BESIDE_SENSOR)
+    site = proof.candidate.site
+    following = STEP_SIZES.format(name=site.name) if site.kind == "input" else BESIDE_SENSOR
+    decided = _beside(evidence, [proof], proof.inside, why, following)
     told = errors_told(evidence, proof) + importance_told(evidence, proof) + certainty_told(evidence, proof)
     return replace(decided, message=decided.message + told)
 

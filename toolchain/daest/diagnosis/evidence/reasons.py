@@ -34,6 +34,7 @@ ABSOLUTE_VALUE = "Daest.Effects.Signals.AbsoluteValueSensor"
 GAIN = "Daest.Effects.Signals.Gain"
 TURNS_BACK = "it turns its signal back"
 PLAY = "Daest.Effects.Signals.Play"
+RATE_LIMIT = "Daest.Effects.Signals.RateLimit"
 ALONG = 200  # values of a signal at which a bend of it is looked at
 PLACED = 0.5  # of what its variable reaches, from which a shape is looked for as a place along it
 
@@ -462,7 +463,11 @@ def same_in_machine(model: Null, candidate: Candidate, told: FitResult) -> str:
     """What a law that bends a sensor may be as well where every reading tells one value and no other output
     tells the same signal: in terms of the readings the equations are those of a machine whose gains and
     losses bend along. A sensor that cuts is one, too, where its readings move on beyond the limit. A lag of
-    the only sensor is one more store, as long as no input moves. Empty where it is none such."""
+    the only sensor is one more store, as long as no input moves. A rate that is limited is a smoothing over
+    one time, as dead time and lags are, where all steps of the input are of one size. Empty where it is none
+    such."""
+    if candidate.site.kind == "input":
+        return _smoothing(model, candidate, told)
     if candidate.site.kind == "output" and _is_one_more_store(model, candidate):
         return f"a further store in the machine before {candidate.site.name}"
     bend = _bend(model, candidate, told) if candidate.site.kind == "output" else None
@@ -474,6 +479,31 @@ def same_in_machine(model: Null, candidate: Candidate, told: FitResult) -> str:
     if _tells_otherwise(grown(model, model.flat, model.explicit, told, model.experiments), candidate, bend):
         return ""
     return f"a machine that bends alike before {candidate.site.name}"
+
+
+def _smoothing(model: Null, candidate: Candidate, told: FitResult) -> str:
+    """What linear law does to an input of equal steps what a limited rate does; empty where none does: each of
+    its ramps takes the time of a step, and has ended before the next one begins."""
+    if candidate.effect.class_name != RATE_LIMIT:
+        return ""
+    row = [u.name for u in model.flat.inputs].index(candidate.site.name)
+    limit = told.theta[f"{candidate.name}.limit"]
+    sizes, apart = [np.empty(0)], [np.empty(0)]
+    for one in model.experiments:
+        changes = np.diff(one.inputs[:, row])
+        at = np.flatnonzero(changes)
+        sizes.append(np.abs(changes[at]))
+        apart.append(np.diff(one.time[at]))
+    steps = np.concatenate(sizes)
+    if not steps.size or np.ptp(steps) > GATES.absorbed_share * steps.max():
+        return ""
+    lasts = float(steps.max()) / limit
+    if np.concatenate(apart).min(initial=np.inf) < lasts:
+        return ""
+    over = spoken_duration(lasts, clock_unit(model.flat))
+    return (
+        f"a dead time or lags that smooth {candidate.site.name}, whose steps are all of one size, over {over}"
+    )
 
 
 def _is_one_more_store(model: Null, candidate: Candidate) -> bool:
