@@ -543,7 +543,7 @@ def test_lag_of_the_only_sensor_of_what_nothing_drives_is_any_store(effect, loss
     ],
 )
 def test_limited_rate_of_equal_steps_is_a_dead_time_or_lags(levels, every, limit, is_same):
-    """A square wave shows ramps of one length: no sample tells that they would last longer for a larger step."""
+    """A square wave shows ramps of one length: no sample tells that a larger step would take longer."""
     flat = compile_text(MUG.replace(b"LOSS", b""), Path("Mug.mo"))
     time = np.arange(200.0)
     room = np.resize(np.repeat(levels, every), 200)
