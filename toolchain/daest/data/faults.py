@@ -609,7 +609,7 @@ def _long_steps(time: np.ndarray, steps: np.ndarray, step: float, spread: float,
 
 
 def _usual_step(steps: np.ndarray) -> float:
-    """Mean of the steps, (n,) s, without gaps: the median of steps of 0.2 and 0.21 s is one of them by chance."""
+    """Mean of the steps, (n,) s, without gaps: the median of those of 0.2 and 0.21 s is one by chance."""
     going = steps[steps > 0]
     return float(np.mean(going[going < 1.5 * np.median(going)]))
 
