@@ -482,8 +482,8 @@ def same_in_machine(model: Null, candidate: Candidate, told: FitResult) -> str:
 
 
 def _smoothing(model: Null, candidate: Candidate, told: FitResult) -> str:
-    """The linear laws that do to an input of equal steps what a limited rate does: its ramps take one time, and
-    each has ended before the next one begins. Empty where that is not so."""
+    """The linear laws that do to an input of equal steps what a limited rate does: its ramps take one time,
+    and each has ended before the next one begins. Empty where that is not so."""
     if candidate.effect.class_name != RATE_LIMIT:
         return ""
     row = [u.name for u in model.flat.inputs].index(candidate.site.name)
