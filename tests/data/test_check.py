@@ -403,6 +403,21 @@ def test_a_machine_that_rests_anywhere_is_no_stuck_sensor(is_dead):
     assert [f.code for f in warnings_of({"q": np.round(step * counts, 6)})] == ["check-stuck"] * is_dead
 
 
+def test_a_machine_that_rests_is_no_stuck_sensor_where_two_encoders_are_added():
+    """The body of a car over its wheel: the sum moves by the difference of both steps, too, far less than
+    by one of them when what sticks goes on."""
+    rng = np.random.default_rng(0)
+    heights = np.zeros(N)
+    for step, leaves in ((2.2e-6, 0), (4.87e-6, 1)):
+        counts = np.round(2e-3 / step * np.sin(0.011 * np.arange(N)) + rng.normal(size=N))
+        for at in (600, 1700):
+            counts[at - 1 : at + 40] = counts[at]
+            counts[at - 1] += leaves
+            counts[at + 40 :] += counts[at] + leaves - counts[at + 40]
+        heights += step * counts
+    assert not warnings_of({"z": np.round(heights, 9)})
+
+
 @pytest.mark.parametrize("is_dead", [False, True])
 def test_a_machine_that_often_rests_has_no_sensor_that_dies_as_often(is_dead):
     """A cylinder moves from place to place, noise on its position while it moves. A sensor that dies holds

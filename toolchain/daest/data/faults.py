@@ -298,7 +298,8 @@ def _is_dead(samples: Samples, starts: np.ndarray, lengths: np.ndarray) -> np.nd
     sizes = np.abs(np.diff(samples.values, prepend=samples.values[0], append=samples.values[-1]))
     into, out_of = sizes[starts], sizes[starts + lengths]
     falls = np.minimum(into, out_of) > DATA.stuck_jump * samples.large_step
-    holds = np.maximum(into, out_of) > DATA.held_jump * samples.steps.min()
+    smallest = float(np.quantile(samples.steps, DATA.smallest_steps))
+    holds = np.maximum(into, out_of) > DATA.held_jump * smallest
     if starts.size > DATA.often_held and np.median(out_of) < DATA.held_often * samples.large_step:
         holds[:] = False
     return np.where(samples.values[starts] == 0, falls, holds)
