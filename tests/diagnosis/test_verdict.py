@@ -722,6 +722,26 @@ def test_a_rejected_law_that_foresees_far_better_may_simulate_worse(ahead, name)
     assert ("error of predictions of unseen data times 0.5" in found.message) == (name == "cannot tell")
 
 
+@pytest.mark.parametrize(
+    ("taken", "error", "gain", "name"),
+    [
+        (0.4, 0.1, 23.0, "cannot tell"),
+        (0.1, 0.1, 23.0, "supported"),  # takes hardly more of the load than what is accepted
+        (0.4, 0.6, 23.0, "supported"),  # simulates little better
+        (0.4, 0.1, -80.0, "supported"),  # the recording is less likely with it
+    ],
+)
+def test_a_law_that_takes_nothing_is_no_claim_beside_one_that_takes_and_simulates(taken, error, gain, name):
+    """A servo that sticks just short of its goal: a potentiometer that saturates there was a claim."""
+    rests = replace(proof(simulated=0.7), explained=0.06)
+    stop = replace(
+        proof("QuadraticDrag", "rejected", error), delta_bic=gain, explained=taken, reason="it is so"
+    )
+    found = decide(evidence(proofs=[rests, stop]))
+    assert found.name == name
+    assert ("simulates unseen data far better (error times 0.1)" in found.message) == (name == "cannot tell")
+
+
 def test_second_effect_behind_a_supported_one_is_told():
     form = evidence(related=True).rest.form
     found = decide(evidence(proofs=[replace(proof(), left=form)]))

@@ -88,6 +88,9 @@ def decide(evidence: Evidence) -> Decided:
     better = _far_better(evidence, accepted)
     if better is not None:
         return _beside(evidence, accepted, better.candidate.label, _explains_more(evidence, better), LARGER)
+    taking = _takes_and_simulates(evidence, accepted)
+    if taking is not None:
+        return _beside(evidence, accepted, taking.candidate.label, _takes_more(evidence, taking), LARGER)
     decided = _decided(evidence, accepted, leader)
     return replace(decided, proofs=decided.proofs or evidence.proofs)
 
@@ -159,6 +162,27 @@ def _far_better(evidence: Evidence, accepted: Sequence[Proof]) -> Proof | None:
     return max(better, key=lambda p: p.delta_bic, default=None)
 
 
+def _takes_and_simulates(evidence: Evidence, accepted: Sequence[Proof]) -> Proof | None:
+    """A rejected candidate that gains likelihood, too, takes more of the load than twice what any of the
+    accepted ones takes, and simulates unseen data far better than they: the best of them at that. What takes
+    nothing of the load is likelier where a signal rests at one value: a sensor that saturates there says what
+    friction does that holds a drive just short of its goal, and simulates none of its ways to it."""
+    if not accepted:
+        return None
+    limit = GATES.max_told_ratio * min(error_ratio(evidence, p) for p in accepted)
+    taken = max(p.explained for p in accepted)
+    found = [
+        p
+        for p in evidence.proofs
+        if p.verdict == "rejected"
+        and p.is_known
+        and p.delta_bic > GATES.min_bic_gain
+        and taken < GATES.min_share_of_better * p.explained
+        and error_ratio(evidence, p) < limit
+    ]
+    return min(found, key=lambda p: error_ratio(evidence, p), default=None)
+
+
 def _leaves_much(proof: Proof) -> bool:
     """Whether what a law leaves of the loads follows a variable, and what its simulation leaves lasts."""
     if proof.left is None or proof.adds_up:
@@ -213,6 +237,14 @@ def _explains_more(evidence: Evidence, better: Proof) -> str:
     return (
         f"{better.candidate.label} explains far more (BIC gain {better.delta_bic:.3g}, {errors}), although "
         f"{better.reason}: the law that acts looks more like that one"
+    )
+
+
+def _takes_more(evidence: Evidence, taking: Proof) -> str:
+    return (
+        f"{taking.candidate.label} takes more of the unexplained load ({100 * taking.explained:.0f} %), and "
+        f"simulates unseen data far better (error times {error_ratio(evidence, taking):.2g}), although "
+        f"{taking.reason}"
     )
 
 
