@@ -24,6 +24,7 @@ from daest.modelica.compile import compile_text
 from daest.modelica.flat.guesses import begun_as_recorded
 from daest.systems.linear.linearize import linearize
 from daest.systems.linear.noise import noise_report
+from daest.systems.linear.state_space import state_space_family
 from daest.systems.reduction.reduce import chosen_states, reduce_index
 from daest.systems.simulation.simulate import _from_sample_to_sample, simulate
 
@@ -494,3 +495,40 @@ def test_solutions_of_a_loop_follow_a_jump_of_an_input():
     p = np.repeat([25.0, 49.0, 25.0], 4)[:, None]
     found = simulate(flat, (np.arange(12.0), p), hold="zoh")["q"]
     assert found == pytest.approx(np.repeat([2.566, 7.101, 2.566], 4), abs=0.01)
+
+
+WELL = """model Well "A pump lifts water to a tank: the flow into it is negative, its square tells no sign"
+  input Real n(unit="1") "Share of the full speed";
+  output Real h(unit="m") "Level of the tank";
+  output Real p(unit="bar") "Pressure behind the pump";
+  Real q(unit="l/min") "Flow into the pump";
+  Real p_tank(unit="bar");
+equation
+  p = -1.2 + 6.4*n^2 - 3.3e-6*q^2;
+  -q = 830*(p - p_tank);
+  p_tank = 3 + 0.1*h;
+  28*60000*der(h) = -q - 500;
+end Well;
+"""
+
+
+def test_of_a_square_the_other_equations_tell_the_root():
+    flat = compile_text(WELL.encode(), Path("Well.mo"))
+    columns = (np.full((3, 1), 0.96), np.array([[2.0, 3.76], [2.0, 3.76], [2.0, 3.76]]))
+    recording = Experiment("run", np.arange(3.0), *columns, flat.input_names, flat.output_names)
+    found = simulate(begun_as_recorded(flat, [recording]), recording, x0={"h": 2.0})
+    assert (found["p"][0], found["q"][0]) == pytest.approx((3.821, -515.5), rel=1e-3)
+
+
+def test_matrices_are_taken_at_the_inputs_of_a_recording_where_the_model_stands_still_nowhere():
+    """A pump that does not turn lifts no water: with inputs of zero the model has no solution."""
+    flat = compile_text(WELL.encode(), Path("Well.mo"))
+    with pytest.raises(ModelError) as caught:
+        state_space_family(flat)
+    assert caught.value.code == "initial-not-solved"
+    columns = (np.full((3, 1), 0.96), np.array([[2.0, 3.76], [2.0, 3.76], [2.0, 3.76]]))
+    recording = Experiment("run", np.arange(3.0), *columns, flat.input_names, flat.output_names)
+    begun = begun_as_recorded(flat, [recording])
+    family = state_space_family(begun)
+    slopes = family.matrices(begun.theta_values)[0].full()
+    assert slopes[0, 0] == pytest.approx(-0.1 / (1.0 / 830.0 + 6.6e-6 * 557.6) / 28.0 / 60000.0, rel=1e-3)

@@ -187,9 +187,10 @@ def _rates_among(explicit: ExplicitModel, rows: list[int]) -> tuple[list[Any], A
 
 
 def grown_states(
-    own: ExplicitModel, theta: np.ndarray, at: np.ndarray, explicit: ExplicitModel
+    own: ExplicitModel, theta: np.ndarray, at: np.ndarray, inputs: np.ndarray, explicit: ExplicitModel
 ) -> GrownStates:
-    """How the states of `explicit` follow from those of `own`, at its states `at` (n,).
+    """How the states of `explicit` follow from those of `own`, at its states `at` (n,) and `inputs` (n_u,): a
+    loop of equations may have no solution without these.
 
     Raises EstimationError `diagnose-no-candidate` where they do not.
     """
@@ -197,8 +198,7 @@ def grown_states(
         n = own.n_states
         return GrownStates(explicit, np.eye(n), list(range(n)), [])
     x = ca.MX.sym("x", own.n_states)
-    zeros = [np.zeros(own.rhs.numel_in(i)) for i in (1, 2, 3)]
-    point = (x, *zeros, theta, 0.0)
+    point = (x, inputs, *(np.zeros(own.rhs.numel_in(i)) for i in (2, 3)), theta, 0.0)
     values: Any = ca.vertcat(cast(Any, own.variables(*point)), cast(Any, own.variable_derivatives(*point)))
     names = [*own.flat.unknown_names, *(f"der({name})" for name in own.flat.unknown_names)]
     brought = brought_rows(explicit, names)

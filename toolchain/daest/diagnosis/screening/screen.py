@@ -362,12 +362,18 @@ def _following(null: Null, run: NullObserver, candidates: Sequence[Candidate]) -
     return [c for kind in kinds if _follow_the_model(null, run, kind) for c in kind]
 
 
+def _grown(null: Null, run: NullObserver, explicit: ExplicitModel) -> GrownStates:
+    """How the states of a model with effects follow from those of the model, in the middle of a recording."""
+    states, inputs = run.observed[0].filtered.mean(axis=0), null.experiments[0].inputs.mean(axis=0)
+    return grown_states(null.explicit, null.theta, states, inputs, explicit)
+
+
 def _follow_the_model(null: Null, run: NullObserver, candidates: Sequence[Candidate]) -> bool:
     """Whether the states of effects follow those of the model, as far as these effects alone tell: they are
     few, and what all candidates together would tell takes as long as the screen."""
     explicit = attachable(null.flat, candidates)[2]
     try:
-        grown_states(null.explicit, null.theta, run.observed[0].filtered.mean(axis=0), explicit)
+        _grown(null, run, explicit)
     except EstimationError:
         return False
     return True
@@ -645,7 +651,7 @@ class _Moved:
 
 
 def _moved(null: Null, run: NullObserver, explicit: ExplicitModel) -> _Moved:
-    grown = grown_states(null.explicit, null.theta, run.observed[0].filtered.mean(axis=0), explicit)
+    grown = _grown(null, run, explicit)
     motions = []
     for experiment, observed in zip(null.experiments, run.observed, strict=True):
         first, last = _driven_inputs(null, explicit, experiment)

@@ -7,7 +7,7 @@ sample as in (43) with the variance intensity/period that gives it the same powe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial, singledispatch
 from threading import get_ident
@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from daest.errors import ModelError
-from daest.model.flat import Dynamics, ExplicitModel, Model
+from daest.model.flat import Dynamics, ExplicitModel, FlatModel, Model
 from daest.model.holds import FOH, SMOOTH, ZOH, Hold, held_inputs, spline_slopes
 from daest.model.linear import DiscreteModel, StateSpace, StateSpaceFamily
 from daest.numerics.evaluator import Evaluator
@@ -424,9 +424,10 @@ def state_space_family(model: Model | Dynamics, at: Mapping[str, float] | None =
     v).
 
     Exact for affine models. A nonlinear model is linearised at the operating point `at` (values of states and
-    inputs by name; those not named come from the consistent initial point at the inputs' start values), with
-    w = 0, v = 0 and t = 0; the offsets make the linear model exact at that point, for every θ. Where ẋ and y
-    are affine (`is_affine` of the result), only ξ depends on that point.
+    inputs by name; those not named come from the consistent initial point at the inputs' start values, or at
+    those with which a recording begins where there is none), with w = 0, v = 0 and t = 0; the offsets make
+    the linear model exact at that point, for every θ. Where ẋ and y are affine (`is_affine` of the result),
+    only ξ depends on that point.
 
         >>> family = daest.state_space_family(explicit)
         >>> family.noise_names
@@ -494,14 +495,30 @@ def family_of(
 def _operating_point(
     explicit: ExplicitModel, at: Mapping[str, float] | None
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """States, inputs and time."""
+    """States, inputs and time; with the inputs at which a recording begins where loops of equations have no
+    solution at those of the model, as where a pump that stands still lifts no water."""
     point = operating_point(explicit.flat, at)
     at = at or {}
     if all(name in at for name in explicit.state_names):
         return np.array([at[name] for name in explicit.state_names]), point.u, point.time
-    x, _ = initial_point(explicit, u0=point.u, t0=point.time)
+    u = point.u
+    try:
+        x, _ = initial_point(explicit, u0=u, t0=point.time)
+    except ModelError as error:
+        u = _recorded_inputs(explicit.flat, point.u, at)
+        if error.code != "initial-not-solved" or np.array_equal(u, point.u):
+            raise
+        x, _ = initial_point(explicit, u0=u, t0=point.time)
     states = [at.get(name, value) for name, value in zip(explicit.state_names, x, strict=True)]
-    return np.array(states), point.u, point.time
+    return np.array(states), u, point.time
+
+
+def _recorded_inputs(flat: FlatModel, u: np.ndarray, at: Collection[str]) -> np.ndarray:
+    """The inputs `u` (n_u,) with what a recording tells of those that are not given, neither by the model nor
+    in `at`."""
+    is_given = [v.guess is None or v.start is not None or v.name in at for v in flat.inputs]
+    guesses = [np.nan if v.guess is None else v.guess for v in flat.inputs]
+    return np.where(is_given, u, guesses)
 
 
 def _matrix_function(explicit: ExplicitModel, x0: np.ndarray, u0: np.ndarray, time: float) -> ca.Function:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -62,8 +63,9 @@ def _followed(
     pattern = sp.csr_array(numbered, shape=slopes.shape)  # of every entry its number, from 1
     point = xi.copy()
     declared = np.array([v.start is not None for v in flat.unknowns], dtype=bool)
+    is_bent = _bent(slopes, flat.xi)
     for _ in range(MAX_SWEEPS):
-        rows, columns = _single(pattern, is_open, is_known)
+        rows, columns = _single(pattern, is_open, is_known, is_bent)
         if rows.size == 0:
             if not np.any(declared & ~is_known):
                 break
@@ -76,18 +78,33 @@ def _followed(
     return point, is_known
 
 
+def _bent(slopes: ca.SX, unknowns: ca.SX) -> np.ndarray:
+    """Of the entries of `slopes`, of equations by `unknowns`, whether they move with the unknown whose slope
+    they are (bool, (n_entries,)): such an equation may have several solutions."""
+    of_entry = np.array(slopes.sparsity().get_triplet()[1], dtype=int)
+    values: Any = slopes.nonzeros()
+    moving = ca.jacobian_sparsity(ca.vertcat(*values), unknowns)
+    entry, unknown = (np.array(part, dtype=int) for part in moving.get_triplet())
+    is_bent = np.zeros(of_entry.size, dtype=bool)
+    is_bent[entry[of_entry[entry] == unknown]] = True
+    return is_bent
+
+
 def _single(
-    pattern: sp.csr_array, is_open: np.ndarray, is_known: np.ndarray
+    pattern: sp.csr_array, is_open: np.ndarray, is_known: np.ndarray, is_bent: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Open equations with one unknown that is not known, and that unknown: each unknown once."""
+    """Open equations with one unknown that is not known, and that unknown: each unknown once. As long as some
+    are straight in it, none that is bent: of a square both roots solve the equation, and which of them is
+    meant, the others may tell."""
     entries = sp.coo_array(pattern)
     row, column = entries.coords
     kept = is_open[row] & ~is_known[column]
-    row, column = row[kept], column[kept]
-    rows = np.flatnonzero(np.bincount(row, minlength=is_open.size) == 1)
-    columns = column[np.isin(row, rows)][np.argsort(row[np.isin(row, rows)], kind="stable")]
-    columns, first = np.unique(columns, return_index=True)
-    return rows[first], columns
+    row, column, bent = row[kept], column[kept], is_bent[entries.data[kept] - 1]
+    alone = np.bincount(row, minlength=is_open.size)[row] == 1
+    if np.any(alone & ~bent):
+        alone &= ~bent
+    columns, first = np.unique(column[alone], return_index=True)
+    return row[alone][first], columns
 
 
 def _solved(

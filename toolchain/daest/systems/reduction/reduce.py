@@ -196,8 +196,6 @@ def _recorded_point(system: ExpandedSystem, point: SamplePoint) -> np.ndarray:
     what it tells of inputs and unknowns; the others, and all without a recording, as at the sample point."""
     flat, aliases = system.flat, system.aliases
     guesses = np.array([np.nan if v.guess is None else v.guess for v in flat.unknowns])
-    differentiated = ca.jacobian_sparsity(flat.residual, flat.derivatives).get_col()
-    guesses[differentiated] = np.nan
     is_told = np.isfinite(guesses)
     if not np.any(is_told):
         return point.z[0]
