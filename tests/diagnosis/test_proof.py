@@ -829,8 +829,9 @@ def test_law_of_which_no_size_is_known_leaves_a_known_one_open():
 
     nearly = simple.delta_log_likelihood / 0.8
     for law, is_open in ((fitted(unknown, nearly), True), (fitted(own, nearly), False)):
-        verdicts = [p.verdict for p in ranked([simple, law])]
-        assert verdicts == (["not separable"] * 2 if is_open else ["supported", "rejected"])
+        order = ranked([simple, law])
+        assert [p.verdict for p in order] == (["not separable"] * 2 if is_open else ["supported", "rejected"])
+        assert order[0].candidate is (simple if is_open else law).candidate
     far = fitted(unknown, simple.delta_log_likelihood / 0.6)
     assert [p.verdict for p in ranked([simple, far])] == ["supported", "rejected"]
 

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from daest.diagnosis.built_in.trials import Trial
-from daest.diagnosis.evidence.law_values import bic_beside, n_chosen, unseen_ratio
+from daest.diagnosis.evidence.law_values import bic_beside, is_less_known, n_chosen, unseen_ratio
 from daest.diagnosis.evidence.reasons import is_significant
 from daest.diagnosis.evidence.refused_beside import (
     refuse,
@@ -215,18 +215,21 @@ def _by_use(proof: Proof, n_independent: float, n_unseen: float) -> Proof:
     )
 
 
-def _place(best: Proof, proof: Proof) -> tuple[bool, float, int, float, float, float]:
+def _place(best: Proof, proof: Proof) -> tuple[bool, bool, float, int, float, float, float]:
     """What a proof is ranked by, smallest first. Of laws that foresee unseen data clearly better and alike,
     the one with the fewest parameters of any kind is first; of those whose simulation says as much, the one
-    that takes more of the load."""
+    that takes more of the load. One of which no size is known comes behind the simple law that it might
+    be."""
     is_same = is_vague(proof, best) and not is_far_nearer(proof, best)
+    is_blurred = is_same and is_less_known(proof, best)
     ratio = 1.0 if proof.verdict == "rejected" or is_same else unseen_ratio(best, proof)
     n_parameters = len(proof.candidate.effect.parameters) if ratio < GATES.max_rival_error else 0
     ratio = round(min(ratio, GATES.max_rival_error), 2)
     is_as_likely = proof.is_by_use and proof.verdict != "rejected"
     step = round(bic_beside(proof) / GATES.same_bic) * GATES.same_bic if is_as_likely else bic_beside(proof)
     explained = proof.explained if is_as_likely else 0.0
-    return proof.verdict == "rejected", ratio, n_parameters, -step, -explained, -bic_beside(proof)
+    order = (ratio, n_parameters, -step, -explained, -bic_beside(proof))
+    return proof.verdict == "rejected", is_blurred, *order
 
 
 def best_accepted(proofs: Sequence[Proof]) -> Proof | None:
