@@ -441,8 +441,9 @@ def test_other_hold_is_tried_where_something_is_missing_and_nothing_accepted(mon
 
 
 def test_effect_with_states_is_tried_until_it_is_better_than_its_simulation(monkeypatch):
-    effect, site = SimpleNamespace(is_dynamic=True, sizes=()), SimpleNamespace(kind="node")
-    candidate = SimpleNamespace(effect=effect, site=site)
+    effect = SimpleNamespace(is_dynamic=True, sizes=(), parameters=())
+    site = SimpleNamespace(kind="node")
+    candidate = SimpleNamespace(effect=effect, site=site, shape={})
     trial = SimpleNamespace(candidate=candidate, alike=(), is_seen_in_use=False)
     null, tried = SimpleNamespace(flat=None, estimated=()), []
     ends = {"loads": 50.0, "calm": 90.0, "small": 130.0, "beside the refit": 125.0}
@@ -479,6 +480,35 @@ def test_effect_with_states_is_tried_until_it_is_better_than_its_simulation(monk
     assert end(115.0) == 120.0 and tried == ["calm"]
     assert end(140.0) == 130.0 and tried == ["calm", "loads", *gentle]
     assert judged == [30.0]  # the likeliest end alone
+
+
+def test_law_whose_searches_all_end_below_the_null_is_tried_with_blunter_kinks(monkeypatch):
+    """The camera on a servo: the gains of one average linearisation suit a machine that sticks and slips
+    badly, so that every search with a sharp kink ended below the model as it is."""
+    size = SimpleNamespace(name="f_c", role="size", null=0.0, is_share=False)
+    effect = SimpleNamespace(sizes=(size,), parameters=(size, SimpleNamespace(name="v_s", role="sharpness")))
+    candidate = SimpleNamespace(effect=effect, site=SimpleNamespace(kind="node"), shape={"v_s": 0.03})
+    trial = SimpleNamespace(candidate=candidate, alike=(), is_seen_in_use=False)
+    roundings = []
+
+    def searched(_, start):
+        roundings.append(start)
+        gain = 18.0 if start == 3.0 else -19.0
+        return SimpleNamespace(gain=gain, refit=SimpleNamespace(fit=SimpleNamespace(log_likelihood=gain)))
+
+    monkeypatch.setattr(attempts, "end_of_search", searched)
+    monkeypatch.setattr(search_module, "judged_end", lambda _, found: SimpleNamespace(gain=found.gain))
+    monkeypatch.setattr(attempts, "prepare", lambda *_, share, sharper: sharper)
+    monkeypatch.setattr(attempts, "as_prepared", lambda _: 0.3)
+    monkeypatch.setattr(attempts, "_beside_refit", lambda *_: 1.0)
+    monkeypatch.setattr(attempts, "_found_again", lambda _search, _prepared, best: best)
+    null = SimpleNamespace(flat=None, estimated=())
+    search = SimpleNamespace(stand=SimpleNamespace(null=null))
+    assert proof_by_attempts(search, Prepared(trial, None, ())).gain == 18.0
+    assert roundings == [0.3, 1.0, 1.0, 3.0]  # the blunt one last, and only since the others are lost
+    candidate.shape = {}
+    roundings.clear()
+    assert proof_by_attempts(search, Prepared(trial, None, ())).gain == -19.0 and roundings == [0.3, 1.0, 1.0]
 
 
 def test_shooting_waits_until_nothing_else_explains_the_data(monkeypatch):

@@ -173,11 +173,7 @@ def prepare(
     than in the screen."""
     candidate = trial.candidate
     effect = candidate.effect
-    sharp = {
-        p.name: sharper * candidate.shape[p.name]
-        for p in effect.parameters
-        if p.role == "sharpness" and p.name in candidate.shape
-    }
+    sharp = {name: sharper * candidate.shape[name] for name in _kinks(candidate)}
     sizes = {
         p.name: (p.null or 0.0) + share * (size - (p.null or 0.0))
         for p, size in zip(effect.sizes, trial.sizes, strict=True)
@@ -190,15 +186,22 @@ def prepare(
     return Prepared(trial, grown, (*estimated, *candidate.estimated))
 
 
+def has_kinks(candidate: Candidate) -> bool:
+    """Whether the law has a kink that the screen has rounded."""
+    return bool(_kinks(candidate))
+
+
+def _kinks(candidate: Candidate) -> list[str]:
+    """The parameters of the law over which the screen has rounded its kinks."""
+    return [
+        p.name for p in candidate.effect.parameters if p.role == "sharpness" and p.name in candidate.shape
+    ]
+
+
 def with_kinks_bounded(flat: FlatModel, candidates: Sequence[Candidate]) -> FlatModel:
     """The model with bounds below the kinks of effects that are to be fitted: far within what lies between
     two samples recordings tell no kink from a sharper one, and integrators come to a stop at it."""
-    least = {
-        f"{c.name}.{p.name}": SHARPEST * c.shape[p.name]
-        for c in candidates
-        for p in c.effect.parameters
-        if p.role == "sharpness" and p.name in c.shape
-    }
+    least = {f"{c.name}.{name}": SHARPEST * c.shape[name] for c in candidates for name in _kinks(c)}
     parameters = tuple(
         replace(p, min=max(least[p.name], p.min or 0.0)) if p.name in least else p for p in flat.parameters
     )

@@ -8,7 +8,14 @@ from dataclasses import replace
 from functools import partial
 
 from daest.diagnosis.built_in.settled import FAILURES
-from daest.diagnosis.built_in.trials import GENTLE, Prepared, at_full_size, from_simulation, prepare
+from daest.diagnosis.built_in.trials import (
+    GENTLE,
+    Prepared,
+    at_full_size,
+    from_simulation,
+    has_kinks,
+    prepare,
+)
 from daest.diagnosis.evidence.proof import (
     Searched,
     has_lost_its_way,
@@ -32,15 +39,16 @@ from daest.estimation.identify import identify
 from daest.model.diagnosis import Proof
 from daest.model.fit import IdentifyOptions
 
+BLUNTER = 3.0  # a kink whose searches have all lost their way is rounded over so much more than in the screen
 ITERATIONS = 15  # of the simulation's fit from which one is tried again
 
 
 def proof_by_attempts(search: Search, prepared: Prepared) -> Proof:
     """The proof of a candidate. Where its refit fails, it is tried again at places that the sensors do not
     tell from its own, unless it only loses its way, which it would there, too; then from a small and gentle
-    effect, and from that beside the null as it was refitted; one that is `by_shooting`, from a simulation's
-    fit alone. One that replaces a sensor is tried at its full size first. Of several ends the likeliest is
-    judged. Raises the error of the first attempt."""
+    effect, from that beside the null as it was refitted, and with blunter kinks; one that is `by_shooting`,
+    from a simulation's fit alone. One that replaces a sensor is tried at its full size first. Of several ends
+    the likeliest is judged. Raises the error of the first attempt."""
     errors: list[Exception] = []
     with quiet():
         for ends in _tried(search, prepared, errors):
@@ -131,6 +139,7 @@ def _attempts(
         # Beside the loads, the null is near to a small effect.
         yield gentle
         yield partial(_beside_refit, search, prepared)
+        yield from _blunter(search, prepared)
         return
     yield partial(as_prepared, prepared)
     if prepared.similar is not None:
@@ -138,6 +147,19 @@ def _attempts(
     yield from elsewhere
     yield gentle
     yield partial(_beside_refit, search, prepared)
+    yield from _blunter(search, prepared)
+
+
+def _blunter(search: Search, prepared: Prepared) -> Iterator[Callable[[], Prepared]]:
+    """Maker of the candidate with its kinks rounded more widely than in the screen; none for one without any.
+
+    The gains of the filter are those of one average linearisation. Across a sharp kink that is an average of
+    two machines, one that sticks and one that slips, and right for neither: the likelihood falls as soon as
+    there is any of the law, however true it is, and every search ends below the null. A blunt one has gains
+    that suit it; how sharp it is may be fitted once the law is found."""
+    null, trial = search.stand.null, prepared.trial
+    if has_kinks(trial.candidate):
+        yield partial(prepare, null.flat, null.estimated, trial, share=GENTLE, sharper=BLUNTER)
 
 
 def _beside_refit(search: Search, prepared: Prepared) -> Prepared:
