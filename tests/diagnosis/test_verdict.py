@@ -740,6 +740,8 @@ def test_a_law_that_takes_nothing_is_no_claim_beside_one_that_takes_and_simulate
     found = decide(evidence(proofs=[rests, stop]))
     assert found.name == name
     assert ("simulates unseen data far better (error times 0.1)" in found.message) == (name == "cannot tell")
+    # Nothing is left that `improve` would put into the model.
+    assert all(p.verdict == "rejected" for p in found.proofs) == (name == "cannot tell")
 
 
 def test_second_effect_behind_a_supported_one_is_told():

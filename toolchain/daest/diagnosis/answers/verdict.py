@@ -90,7 +90,10 @@ def decide(evidence: Evidence) -> Decided:
         return _beside(evidence, accepted, better.candidate.label, _explains_more(evidence, better), LARGER)
     taking = _takes_and_simulates(evidence, accepted)
     if taking is not None:
-        return _beside(evidence, accepted, taking.candidate.label, _takes_more(evidence, taking), LARGER)
+        decided = _beside(evidence, accepted, taking.candidate.label, _takes_more(evidence, taking), LARGER)
+        # None of them goes into a model: `improve` would go on with what simulates far worse.
+        proofs = tuple(_refused(p, _taken_by(evidence, taking)) for p in evidence.proofs)
+        return replace(decided, proofs=proofs)
     decided = _decided(evidence, accepted, leader)
     return replace(decided, proofs=decided.proofs or evidence.proofs)
 
@@ -241,10 +244,13 @@ def _explains_more(evidence: Evidence, better: Proof) -> str:
 
 
 def _takes_more(evidence: Evidence, taking: Proof) -> str:
+    return f"{_taken_by(evidence, taking)}, although {taking.reason}"
+
+
+def _taken_by(evidence: Evidence, taking: Proof) -> str:
     return (
         f"{taking.candidate.label} takes more of the unexplained load ({100 * taking.explained:.0f} %), and "
-        f"simulates unseen data far better (error times {error_ratio(evidence, taking):.2g}), although "
-        f"{taking.reason}"
+        f"simulates unseen data far better (error times {error_ratio(evidence, taking):.2g})"
     )
 
 

@@ -392,7 +392,10 @@ class _Judge:
         reason = reason or weak(prepared, seen, self._before, self.found.gain)
         reason = reason or acts_later(self.run, candidate, last, self._before)
         alone = grown(self.fed, prepared.flat, explicit, last, self.found.experiments)
-        reason = reason or undriven(alone) or _of_its_start(self.null, alone, candidate, reference)
+        reason = reason or undriven(alone)
+        if not reason:
+            reason = _of_its_start(self.null, alone, candidate, reference)
+            is_open = is_open and not reason  # what states gain by how they begin stands in no law's way
         reason = reason or _of_levels(self.fed, prepared, explicit, final, self.validation, reference)
         if not reason and not (self._says_all or is_told or is_shown or is_all):
             reason = unexplained(self.explained, ratios)
