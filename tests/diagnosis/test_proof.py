@@ -381,6 +381,23 @@ def test_unseen_data_have_the_last_word():
     assert not verdict(as_good).is_open
 
 
+def test_law_that_lives_on_how_its_states_begin_is_in_no_law_s_way(monkeypatch):
+    """Of a camera on a servo, a hysteresis that only its first state moved kept dry friction from a claim."""
+    stand, (prepared, _) = rubbing(), proved()
+    run = run_null(stand.null)
+
+    def judged():
+        return prove(
+            stand.null, stand.baseline, prepared, stand.null.experiments, stand.validation, run, None
+        )
+
+    monkeypatch.setattr(proving, "_of_levels", lambda *_: "it is so")
+    assert judged().is_open
+    monkeypatch.setattr(proving, "_of_its_start", lambda *_: "it lives on its start")
+    alone = judged()
+    assert alone.reason == "it lives on its start" and not alone.is_open
+
+
 def test_ratios_of_simulation_errors():
     stand, (_, proof) = rubbing(), proved()
     before, after = stand.baseline.simulated, proof.told.simulated
