@@ -43,6 +43,27 @@ FORMS = {  # with the relative motion as Modelica writes it
         "e",
     ),
     "speed": (_form(BY_SPEED, "", "der(e) = v - vr", "m*der(v) = -k*e - c*(v - vr)"), "e"),
+    "rate": (_form(BY_SPEED, "", "der(e) = v - vr", "m*der(v) = -k*e - c*der(e)"), "e"),
+    "other unit": (
+        _form(
+            BY_POSITION.replace('zr(unit = "m")', 'zr(unit = "mm")'),
+            "",
+            "der(z) = v",
+            "m*der(v) = -k*(z - zr/1000) - c*v",
+        ),
+        "z - 0.001*zr",
+    ),
+    "carriage": (
+        _form(
+            HEAD + '  input Real vr(unit = "m/s");\n  Real z(unit = "m", start = 0, fixed = true);\n',
+            FORCE + '  Real x(unit = "m", start = 0, fixed = true);\n',
+            "der(x) = vr",
+            "der(z) = v",
+            "F = k*(x - z) - c*v",
+            "m*der(v) = F",
+        ),
+        "x - z",
+    ),
 }
 LAWS = {
     "Translational.HardeningSpring": ({"c3": 4e3}, lambda x, v: 4e3 * x**3),
@@ -59,7 +80,7 @@ PAIRS = [  # every form and every law; all pairs among the slow tests
 def simulated(flat):
     """The speed after 2 s on the road that rises from 0 at SLOPE."""
     time = np.linspace(0.0, 2.0, 41)
-    road = SLOPE * (time if flat.inputs[0].unit == "m" else np.ones(time.size))
+    road = SLOPE * {"m": time, "mm": 1e3 * time, "m/s": np.ones(time.size)}[flat.inputs[0].unit]
     return simulate(flat, (time, road[:, None]), hold="foh").outputs[-1]
 
 
@@ -86,8 +107,9 @@ def test_effect_is_driven_by_the_motion_relative_to_the_road(tmp_path, form, cla
     path.write_text(text)
     flat, effect = compile_model(path), find_effect(class_name)
     (site,) = [s for s in sites(flat) if s.kind == "force" and not s.is_grounded]
-    expected = by_scipy(form == "speed", law)
-    assert not np.allclose(expected, by_scipy(form == "speed", no_force), rtol=1e-3)
+    of_road = form in ("speed", "rate")
+    expected = by_scipy(of_road, law)
+    assert not np.allclose(expected, by_scipy(of_road, no_force), rtol=1e-3)
     attached = simulated(attach(flat, effect, site, values=values))
     np.testing.assert_allclose(attached, expected, rtol=2e-5)
     written = extend_model(path, None, effect, site, values=values)

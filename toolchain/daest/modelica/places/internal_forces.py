@@ -6,9 +6,10 @@ factors a on bodies with the speeds v, the power is the sum of a*v*F, so that an
 speed which is the sum of -a*v: for the spring above v1 - v2, for a belt on two pulleys r1*w1 - r2*w2.
 
 What a body stands on may be moved by an input, as a wheel by the road in `F = c*(z - road)`: the force then
-goes with the motion relative to that, z - road, and one body is enough. Where the speed of the body comes in
-without that of the input, as in `u = kp*(r - phi) - kd*w`, or a sum over time of both speeds as in
-`tau = kp*(r - w) + ki*e`, `der(e) = r - w`, it may be the command of a controller as well.
+goes with the motion relative to that, z - road, and one body is enough. The input may be in another unit, as
+in `d*(w - rad*rate)`, or move an unknown, as the speed of a trolley does by `der(x) = v`. Where the speed of
+the body comes in without that of the input, as in `u = kp*(r - phi) - kd*w`, or a sum over time of both
+speeds as in `tau = kp*(r - w) + ki*e`, `der(e) = r - w`, it may be the command of a controller as well.
 
 A spring to what does not move has its place in the balance of the body: for what changes it, as a play does.
 What acts on the body alone is a term of the balance itself."""
@@ -36,13 +37,14 @@ from daest.modelica.flat.factors import (
 )
 from daest.modelica.places.balances import DOMAINS, Balance, balances, own_laws, slopes_near_start
 from daest.modelica.places.place_units import flow_factor
-from daest.quantities import is_of
+from daest.quantities import conversion, converts, is_of
 
 _FORCES: dict[Domain, str] = {"translational": "N", "rotational": "N.m"}
 _POSITIONS: dict[Domain, str] = {"translational": "m", "rotational": "rad"}
 _SPEEDS: dict[Domain, str] = {"translational": "m/s", "rotational": "rad/s"}
 _DEPTH = 5  # of variables that are given by others
 _TOLERANCE = 1e-9  # relative, of what rounding alone makes differ
+_SAME_UNIT = 1e-3  # relative, of a factor between units as a model writes it: 57.3, 3.1416/180
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,9 @@ class InternalForce:
     where this is None. `bodies` are the balances with the factors, expressions of the parameters, by which
     their speeds sum up to that of the relative motion; `entries` the equations that the flow of an effect
     enters: that which gives the force, or the two balances.
-    `ground` are the inputs, with their factors, that move what the bodies stand on: they are part of the
-    relative motion. `deflection` is the unknown of the model that is the relative position, as phi in
+    `ground` are the inputs, or the unknowns that inputs alone move, as numbers among the unknowns and, behind
+    them, the inputs, with their factors, that are what the bodies stand on: they are part of the relative
+    motion. `deflection` is the unknown of the model that is the relative position, as phi in
     `der(phi) = w1 - w2` or e in `e = z - road`, with its sign; None where there is none. `beside` are other
     forces that the same motion drives, as that of a damper beside that of a spring."""
 
@@ -76,7 +79,7 @@ class InternalForce:
         return (", ".join([*bodies, *self._ground_names(flat)]),)
 
     def _ground_names(self, flat: FlatModel) -> list[str]:
-        return [flat.inputs[i].name for i, _ in self.ground]
+        return [_moved_names(flat)[i] for i, _ in self.ground]
 
     @property
     def is_grounded(self) -> bool:
@@ -129,7 +132,7 @@ class InternalForce:
             i = body.position if self.has_positions else body.variable
             yield flat.xi[i], flat.unknowns[i].name, factor
         for i, sign in self.ground:
-            yield flat.u[i], flat.inputs[i].name, ca.SX(sign)
+            yield _moved(flat)[i], _moved_names(flat)[i], ca.SX(sign)
 
 
 def internal_forces(flat: FlatModel) -> list[InternalForce]:
@@ -183,33 +186,51 @@ def _given_by_equations(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[
 
 def _spelled_out(flat: FlatModel, law: ca.SX, slopes: np.ndarray, rows: set[int], kept: set[int]) -> ca.SX:
     """The law with the unknowns that one of the `rows` gives without a derivative put in, but for those that
-    are `kept`."""
+    are `kept`, and with the derivatives that one of them gives."""
     n = flat.xi.numel()
+    symbols = ca.vertcat(flat.xi, flat.derivatives)
     for _ in range(_DEPTH):
-        used = np.flatnonzero(ca.which_depends(law, flat.xi, 1, False)).tolist()
+        used = np.flatnonzero(ca.which_depends(law, symbols, 1, False)).tolist()
         given = {}
         for k in used:
-            own = [i for i in rows if abs(slopes[i, k]) == 1.0 and not np.any(slopes[i, n:])]
+            rates = np.array([k - n]) if k >= n else np.array([], dtype=int)
+            own = [
+                i
+                for i in rows
+                if abs(slopes[i, k]) == 1.0 and np.array_equal(np.flatnonzero(slopes[i, n:]), rates)
+            ]
             if k not in kept and len(own) == 1:
-                given[k] = flat.xi[k] - float(slopes[own[0], k]) * flat.residual[own[0]]
+                given[k] = symbols[k] - float(slopes[own[0], k]) * flat.residual[own[0]]
         if not given:
             break
-        law = ca.substitute(law, ca.vertcat(*(flat.xi[k] for k in given)), ca.vertcat(*given.values()))
+        law = ca.substitute(law, ca.vertcat(*(symbols[k] for k in given)), ca.vertcat(*given.values()))
     return law
+
+
+def _moved(flat: FlatModel) -> ca.SX:
+    """The symbols (n + n_u,) that `InternalForce.ground` counts."""
+    return ca.vertcat(flat.xi, flat.u)
+
+
+def _moved_names(flat: FlatModel) -> tuple[str, ...]:
+    return (*flat.unknown_names, *flat.input_names)
 
 
 def _ground(
     flat: FlatModel, law: ca.SX, bodies: Sequence[tuple[Balance, ca.SX]], domain: Domain
 ) -> tuple[tuple[int, float], ...]:
-    """The inputs that move what the bodies stand on, with the factors by which they enter the relative motion
-    whose function the `law` is; none where it is no function of that."""
+    """The inputs, and what they alone move, that the bodies stand on, with the factors by which they enter
+    the relative motion whose function the `law` is; none where it is no function of that."""
     has_positions = all(body.position >= 0 for body, _ in bodies)
     unit = (_POSITIONS if has_positions else _SPEEDS)[domain]
-    candidates = [i for i, one in enumerate(flat.inputs) if is_of(one.unit, unit)]
+    n = flat.xi.numel()
+    units = {n + i: one.unit for i, one in enumerate(flat.inputs)}
+    units |= {k: flat.unknowns[k].unit for k in _moved_by_inputs(flat)}
+    candidates = [i for i, one in units.items() if is_of(one, unit) and converts(one, unit)]
     if not candidates:
         return ()
     own = [flat.xi[body.position if has_positions else body.variable] for body, _ in bodies]
-    moved = ca.vertcat(*own, *(flat.u[i] for i in candidates))
+    moved = ca.vertcat(*own, *(_moved(flat)[i] for i in candidates))
     column = ca.vertcat(ca.jacobian(law, moved).T, *(factor for _, factor in bodies))
     values = at_points(flat, column)[:, 0]
     n_bodies, n_all = len(own), moved.numel()
@@ -219,11 +240,36 @@ def _ground(
     is_motion = np.all(np.isfinite(factors)) and np.allclose(per_motion, per_motion[:1], rtol=_TOLERANCE)
     if not is_motion or not np.allclose(factors, factors[:, :1], rtol=_TOLERANCE, atol=_TOLERANCE):
         return ()
-    return tuple(
-        (i, float(np.round(value)))
-        for i, value in zip(candidates, factors[:, 0], strict=True)
-        if abs(abs(value) - 1.0) < _TOLERANCE
-    )
+    found = []
+    for i, value in zip(candidates, factors[:, 0], strict=True):
+        scale = conversion(units[i], unit).scale
+        if abs(abs(value) - scale) < _SAME_UNIT * scale:
+            found.append((i, float(np.sign(value)) * (scale if scale == 1.0 else abs(float(value)))))
+    return tuple(found)
+
+
+def _moved_by_inputs(flat: FlatModel) -> list[int]:
+    """The unknowns that a row of the model gives from inputs alone, or from others that are, with or without
+    their rates, but for bodies: x in `der(x) = v_trolley`, z in `z = plate/1000`."""
+    n = flat.xi.numel()
+    everything = ca.vertcat(flat.xi, flat.derivatives, flat.u)
+    rows = own_laws(flat)
+    pattern = ca.jacobian_sparsity(flat.residual[rows], everything)
+    used: dict[int, set[int]] = {}
+    for row, column in zip(pattern.row(), pattern.get_col(), strict=True):
+        used.setdefault(row, set()).add(column)
+    bodies = {i for body in balances(flat) for i in (body.variable, body.position) if body.domain(flat)}
+    moved: set[int] = set()
+    while True:
+        new = set()
+        for columns in used.values():
+            unknown = {k % n for k in columns if k < 2 * n} - moved
+            is_driven = any(k >= 2 * n or k % n in moved for k in columns)
+            if len(unknown) == 1 and is_driven:
+                new |= unknown - bodies
+        if not new:
+            return sorted(moved)
+        moved |= new
 
 
 def _is_definition(slopes: np.ndarray) -> bool:
@@ -264,7 +310,7 @@ def _deflection(
     and its sign, or that a row says to be their position relative to the `ground`; None where there is
     none."""
     has_positions = all(body.position >= 0 for body, _ in bodies)
-    moved = _sum((ca.SX(sign), flat.u[i]) for i, sign in ground)
+    moved = _sum((ca.SX(sign), _moved(flat)[i]) for i, sign in ground)
     motions: list[tuple[ca.SX, ca.SX]] = []
     if not ground or not has_positions:
         speed = _sum((factor, flat.xi[body.variable]) for body, factor in bodies)
@@ -317,7 +363,7 @@ def _slopes(force: InternalForce, flat: FlatModel) -> tuple[ca.SX, ca.SX]:
     (entry,) = force.entries
     law = entry.sign * flat.residual[entry.row]
     speeds = _sum((f, flat.xi[body.variable]) for body, f in others)
-    ground = _sum((ca.SX(sign), flat.u[i]) for i, sign in force.ground)
+    ground = _sum((ca.SX(sign), _moved(flat)[i]) for i, sign in force.ground)
     has_positions = all(body.position >= 0 for body, _ in force.bodies)
     if not has_positions:
         law = ca.substitute(law, flat.xi[first.variable], (v - speeds - ground) / factor)
