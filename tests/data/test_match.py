@@ -184,6 +184,11 @@ def test_time_columns(header, unit):
         ("Kraft F in kN", "Kraft F", "kN"),
         ("M / Nm", "M", "Nm"),
         ("ϑ_1/°C", "ϑ_1", "°C"),
+        ("flow l/min", "flow", "l/min"),  # no flow l in minutes
+        ("Drehzahl 1/min", "Drehzahl", "1/min"),
+        ("acc of body m/s2", "acc of body", "m/s2"),
+        ("Zeit t/s", "Zeit t", "s"),
+        ("Phase A/V", "Phase A", "V"),
         ("m/s", "m/s", None),  # the unit of a rate, no mass in seconds
         ("U/min", "U/min", None),
         ("on/off", "on/off", None),

@@ -24,11 +24,13 @@ if TYPE_CHECKING:
 
 # `x[1]` is an array element, `x[1] [V]` and `T[degC]` carry a unit: a unit stands behind a space, or is no
 # number. In round brackets (`speed (rad/s)`), behind a slash (`U/V`, `v / (m/s)`) or behind "in" (`t in s`),
-# as DIN 461 and ISO 80000 write it, it is one only if it is a known unit.
+# as DIN 461 and ISO 80000 write it, it is one only if it is a known unit; behind a space alone (`flow l/min`)
+# only if it is one of a rate, which else would be a flow l in minutes.
 _HEADER = re.compile(r"^(?P<name>.*?)(?:\s+\[(?P<unit>[^\]]*)\]|\[(?P<tight>[^\]\d][^\]]*)\])\s*$")
 _ROUND = re.compile(r"^(?P<name>[^()]*[^()\s/])\s*/?\s*\((?P<unit>[^()]+)\)$")
 _BEHIND_SLASH = re.compile(r"^(?P<name>[^/]*[^/\s])\s*/\s*(?P<unit>.+)$")
 _BEHIND_IN = re.compile(r"^(?P<name>.*\S)\s+in\s+(?P<unit>\S+)$")
+_BEHIND_SPACE = re.compile(r"^(?P<name>.*[^\s/])\s+(?P<unit>(?!t/)[^\s/]+/(?P<per>[^\s/]+))$")  # `Zeit t/s`
 _LETTERS = "VAsmNKJWCFTHghdlL%°Ω"  # units of one letter that a header gives behind a slash
 _TIME = re.compile(r"^time(?:_(?P<unit>s|ms|us|min|h))?$", re.IGNORECASE)
 _BEHIND = re.compile(r"_(?P<unit>[^_]+?)(?:_per_(?P<per>[^_]+))?$")
@@ -101,18 +103,21 @@ class Table:
 
 def split_header(text: str) -> tuple[str, str | None]:
     """Name and unit of a header cell, `speed [rad/s]` -> (`speed`, `rad/s`); the unit is None if there is
-    none. `speed (rad/s)`, `speed/(rad/s)`, `speed / rad/s` and `speed in rad/s` are the same."""
+    none. `speed (rad/s)`, `speed/(rad/s)`, `speed / rad/s`, `speed in rad/s` and `speed rad/s` are the same."""
     text = text.strip()
     match = _HEADER.match(text)
     if match is not None:
         unit = match["unit"] if match["unit"] is not None else match["tight"]
         return match["name"].strip(), unit.strip()
-    for form in (_ROUND, _BEHIND_IN, _BEHIND_SLASH):
+    for form in (_ROUND, _BEHIND_IN, _BEHIND_SPACE, _BEHIND_SLASH):
         match = form.match(text)
-        if match is not None:
-            unit = match["unit"].strip()
-            if is_known_unit(unit) and not (form is _BEHIND_SLASH and _is_no_quantity(match["name"], unit)):
-                return match["name"], unit
+        if match is None or not is_known_unit(match["unit"].strip()):
+            continue
+        name, unit = match["name"], match["unit"].strip()
+        if form is _BEHIND_SPACE and not _is_time_alone(match["per"]):
+            continue
+        if form is not _BEHIND_SLASH or not _is_no_quantity(name, unit):
+            return name, unit
     return text, None
 
 
@@ -122,6 +127,11 @@ def _is_no_quantity(name: str, unit: str) -> bool:
     if len(unit) == 1 and unit not in _LETTERS:
         return True
     return is_known_unit(name) and dimensions(unit) == {"[time]": 1.0} and name.lower() != "t"
+
+
+def _is_time_alone(unit: str) -> bool:
+    """Whether a unit is one of time, or a power of it."""
+    return is_known_unit(unit) and set(dimensions(unit) or ()) == {"[time]"}
 
 
 def column_unit(column: Column) -> str:
