@@ -103,7 +103,7 @@ class Table:
 
 def split_header(text: str) -> tuple[str, str | None]:
     """Name and unit of a header cell, `speed [rad/s]` -> (`speed`, `rad/s`); the unit is None if there is
-    none. `speed (rad/s)`, `speed/(rad/s)`, `speed / rad/s`, `speed in rad/s` and `speed rad/s` are the same."""
+    none. `speed (rad/s)`, `speed/(rad/s)`, `speed / rad/s`, `speed in rad/s`, `speed rad/s` are the same."""
     text = text.strip()
     match = _HEADER.match(text)
     if match is not None:
