@@ -436,8 +436,8 @@ def _unseen_told(evidence: Evidence) -> Decided:
     if worse[name] >= GATES.min_contradiction:
         return Decided(
             "cannot tell",
-            f"Nothing is missing in the data of the fit, but unseen data contradict the model: {errors}. What "
-            f"acts there has not acted before.{_hardly_known(told)}",
+            f"Nothing is missing in the data of the fit, but unseen data contradict the model: {errors}. "
+            f"What acts there has not acted before.{_hardly_known(told)}",
             EXCHANGE,
         )
     if decided.name != "nothing missing":
