@@ -253,13 +253,16 @@ def from_simulation(prepared: Prepared, proof: Proof) -> Prepared | None:
     apart = [proof.fit.theta[name] / value for name, value in kept.items() if value]
     if not is_below and not any(0.0 < ratio < 1.0 / FAR for ratio in apart):
         return None
-    flat = with_equations(proof.flat, "a refit")
-    known = {p.name: p for p in flat.parameters}
-    inside = {name: _inside(value, known[name].min, known[name].max) for name, value in kept.items()}
     trial = replace(prepared.trial, candidate=proof.candidate)
-    calm = proof.final if is_below else None
-    started = replace(prepared, trial=trial, names=names, flat=flat.with_theta(inside))
-    return replace(started, simulation=calm, explicit=None)
+    started = replace(prepared, trial=trial, names=names, flat=with_equations(proof.flat, "a refit"))
+    return replace(started_at(started, kept), simulation=proof.final if is_below else None)
+
+
+def started_at(prepared: Prepared, values: Mapping[str, float]) -> Prepared:
+    """The candidate with other values of parameters, within their bounds, to start its search from."""
+    known = {p.name: p for p in prepared.flat.parameters}
+    inside = {name: _inside(value, known[name].min, known[name].max) for name, value in values.items()}
+    return replace(prepared, flat=prepared.flat.with_theta(inside), explicit=None)
 
 
 def _names_at(prepared: Prepared, candidate: Candidate) -> tuple[str, ...]:

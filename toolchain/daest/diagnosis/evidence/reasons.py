@@ -206,7 +206,7 @@ def _of_no_amount(candidate: Candidate, told: FitResult) -> str:
     if not own or not all(p.is_share for p in candidate.effect.sizes):
         return ""
     for p in own:
-        reach = _reach(candidate, shapes[p.name]) if _is_place(shapes[p.name]) else 0.0
+        reach = reach_of(candidate, shapes[p.name]) if is_place(shapes[p.name]) else 0.0
         if p.std_error is not None and GATES.min_significance * p.std_error <= max(abs(p.value), reach):
             return ""
     return f"the data do not determine its amount ({', '.join(told_value(p) for p in own)})"
@@ -250,7 +250,7 @@ def without_form(model: Null, candidate: Candidate, told: FitResult) -> str:
 def unseen_scales(model: Null, candidate: Candidate, told: FitResult) -> dict[str, tuple[float, float]]:
     """The lengths and speeds over which the law has its form that are far beyond what the recordings reach:
     by name the value and that reach."""
-    scaled = [p for p in scaled_shapes(candidate) if not _is_place(p)]
+    scaled = [p for p in scaled_shapes(candidate) if not is_place(p)]
     if not scaled:
         return {}
     run = grown(model, model.flat, model.explicit, told, model.experiments)
@@ -275,7 +275,7 @@ def _half_way(run: Null, variable: str) -> float:
 def may_be_a_bend(proof: Proof) -> bool:
     """Whether a law with a kink at a place, such as a stop, leaves errors of a simulation of unseen data that
     last: a smooth bend of the same course, as of an air spring, is as well one with a kink in its middle."""
-    is_kinked = any(_is_place(p) for p in scaled_shapes(proof.candidate))
+    is_kinked = any(is_place(p) for p in scaled_shapes(proof.candidate))
     return is_kinked and most_lasting(proof.told.simulated)[1] >= GATES.told_rest_of_set
 
 
@@ -283,7 +283,7 @@ def out_of_reach(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why the law is not what its name says, where its places along a variable, such as a rim or a stop, lie
     beyond all that the variable comes to in the simulation: the law then lives on how its kink is rounded.
     Empty where it does not."""
-    places = {p.name: f"{candidate.name}.{p.scale_of}" for p in scaled_shapes(candidate) if _is_place(p)}
+    places = {p.name: f"{candidate.name}.{p.scale_of}" for p in scaled_shapes(candidate) if is_place(p)}
     if not places:
         return ""
     reached = largest_values(grown(model, model.flat, model.explicit, told, model.experiments))
@@ -641,7 +641,7 @@ def beyond_recordings(model: Null, candidate: Candidate, told: FitResult) -> str
     return reason or straight(model, candidate, told)
 
 
-def _is_place(parameter: EffectParameter) -> bool:
+def is_place(parameter: EffectParameter) -> bool:
     """Whether a shape along a variable is a place there: it is looked for near the end of its reach."""
     return PLACED <= max(map(abs, parameter.grid), default=0.0) < 1.0
 
@@ -662,7 +662,7 @@ def _is_known(
 ) -> bool:
     if declared.role == "size" and parameter.at_bound == "max" and (declared.null or 0.0) < parameter.value:
         return True  # as much of the effect as there can be
-    return certainty >= (least_of_place if _is_place(declared) else GATES.min_significance)
+    return certainty >= (least_of_place if is_place(declared) else GATES.min_significance)
 
 
 def told_value(parameter: FittedParameter) -> str:
@@ -685,10 +685,10 @@ def told_values(proof: Proof) -> str:
     messages tell them: of a place that may be anywhere, as the one of two stops that is never reached, no
     more than that; and the number of periods in a turn that the screen has found."""
     own = f"{proof.candidate.name}."
-    places = {own + p.name: p for p in proof.candidate.effect.parameters if _is_place(p)}
+    places = {own + p.name: p for p in proof.candidate.effect.parameters if is_place(p)}
 
     def said(p: FittedParameter) -> str:
-        is_open = p.name in places and _is_anywhere(p, _reach(proof.candidate, places[p.name]))
+        is_open = p.name in places and _is_anywhere(p, reach_of(proof.candidate, places[p.name]))
         return f"{p.name.removeprefix(own)} not reached" if is_open else told_value(p)
 
     told = [said(p) for p in proof.told.parameters if p.name.startswith(own)]
@@ -704,7 +704,7 @@ def _is_anywhere(place: FittedParameter, reach: float) -> bool:
     return place.std_error > abs(place.value) and abs(place.value) + place.std_error > reach
 
 
-def _reach(candidate: Candidate, place: EffectParameter) -> float:
+def reach_of(candidate: Candidate, place: EffectParameter) -> float:
     """How far the recordings take the variable that a place lies on, as the rounding of the law's kink over
     the same variable has it; 0 where the law has none."""
     for p in candidate.effect.parameters:

@@ -7,6 +7,8 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.built_in.trials import (
     GENTLE,
@@ -15,6 +17,8 @@ from daest.diagnosis.built_in.trials import (
     from_simulation,
     has_kinks,
     prepare,
+    prepare,
+    started_at,
 )
 from daest.diagnosis.evidence.proof import (
     Searched,
@@ -24,7 +28,9 @@ from daest.diagnosis.evidence.proof import (
     shortened,
 )
 from daest.diagnosis.evidence.ranking import least_hope, says_less
+from daest.diagnosis.evidence.reasons import is_place, reach_of
 from daest.diagnosis.evidence.stand import quiet
+from daest.diagnosis.gates import GATES
 from daest.diagnosis.refits.in_use import is_hopeless_in_use, shown_in_use
 from daest.diagnosis.refits.search import (
     Search,
@@ -34,12 +40,13 @@ from daest.diagnosis.refits.search import (
     judged_end,
     likeliest_judged,
 )
-from daest.diagnosis.screening.candidates import fed
+from daest.diagnosis.screening.candidates import fed, scaled_shapes
 from daest.estimation.identify import identify
 from daest.model.diagnosis import Proof
 from daest.model.fit import IdentifyOptions
 
 BLUNTER = 3.0  # a kink whose searches have all lost their way is rounded over so much more than in the screen
+BACK = 0.5  # of what a variable reaches, to which a place beyond that is put back
 ITERATIONS = 15  # of the simulation's fit from which one is tried again
 
 
@@ -98,9 +105,28 @@ def _tried(search: Search, prepared: Prepared, errors: list[Exception]) -> Itera
             errors.append(error)
             continue
         ends.append(end)
+        with suppress(*FAILURES):
+            ends += [end_of_search(search, again) for again in _back_within_reach(search, end)]
         if attempt not in at_full and not has_lost_its_way(end, prepared.simulation):
             yield ends
     yield ends
+
+
+def _back_within_reach(search: Search, end: Searched) -> list[Prepared]:
+    """The candidate from where its search has `end`ed, with the places along a variable that have gone beyond
+    all that this reaches, as one of two stops, put back to half of the reach; none where none has gone there,
+    or the end is hopeless. Beyond the reach a likelihood is flat: a search that has stepped over its end does
+    not come back."""
+    candidate, fit = end.prepared.trial.candidate, end.refit.fit
+    back = {}
+    for p in filter(is_place, scaled_shapes(candidate)):
+        name, reach = f"{candidate.name}.{p.name}", reach_of(candidate, p)
+        if name in end.prepared.names and 0.0 < GATES.max_place * reach < abs(fit.theta[name]):
+            back[name] = float(np.copysign(BACK * reach, p.grid[0]))
+    if not back or fit.log_likelihood < least_hope(search.leader, candidate):
+        return []
+    values = {name: fit.theta[name] for name in end.prepared.names} | back
+    return [replace(started_at(end.prepared, values), simulation=None)]
 
 
 def _found_again(search: Search, prepared: Prepared, best: Proof) -> Proof:
