@@ -472,6 +472,7 @@ def test_effect_with_states_is_tried_until_it_is_better_than_its_simulation(monk
     monkeypatch.setattr(search_module, "judged_end", proof_of)
     monkeypatch.setattr(attempts, "prepare", lambda *_, share, sharper: "small")
     monkeypatch.setattr(attempts, "_beside_refit", lambda *_: "beside the refit")
+    monkeypatch.setattr(attempts, "_back_within_reach", lambda *_: [])
     assert end(40.0) == 130.0 and tried == ["loads", "calm", "small"]
     ends["loads"] = 110.0
     assert end(40.0) == 110.0 and tried == ["loads"]
@@ -509,6 +510,28 @@ def test_law_whose_searches_all_end_below_the_null_is_tried_with_blunter_kinks(m
     candidate.shape = {}
     roundings.clear()
     assert proof_by_attempts(search, Prepared(trial, None, ())).gain == -19.0 and roundings == [0.3, 1.0, 1.0]
+def test_stop_that_a_search_has_put_beyond_all_that_is_reached_is_tried_again_within_it(monkeypatch):
+    """Two stops at 0.014 of 0.026 m, of which the search has stepped over the end with the lower one."""
+    effect = next(e for e in library() if e.class_name == "Daest.Effects.Translational.EndStop")
+    candidate = SimpleNamespace(name="e", effect=effect, shape={"s_s": 2.6e-4})
+    names = ("k", "e.c", "e.s_max", "e.s_min")
+
+    def ended(s_min, log_likelihood=10.0):
+        flat = SimpleNamespace(
+            parameters=[SimpleNamespace(name=n, min=None, max=None) for n in names],
+            with_theta=lambda values: values,
+        )
+        started = Prepared(SimpleNamespace(candidate=candidate), flat, names)
+        theta = dict(zip(names, (7.0, 6e5, 0.014, s_min), strict=True))
+        fit = SimpleNamespace(theta=theta, log_likelihood=log_likelihood)
+        return SimpleNamespace(prepared=started, refit=SimpleNamespace(fit=fit))
+
+    search = SimpleNamespace(leader=None)
+    monkeypatch.setattr(attempts, "least_hope", lambda *_: 0.0)
+    (again,) = attempts._back_within_reach(search, ended(-0.15))
+    assert again.flat == {"k": 7.0, "e.c": 6e5, "e.s_max": 0.014, "e.s_min": pytest.approx(-0.013)}
+    assert not attempts._back_within_reach(search, ended(-0.014))
+    assert not attempts._back_within_reach(search, ended(-0.15, log_likelihood=-10.0))
 
 
 def test_shooting_waits_until_nothing_else_explains_the_data(monkeypatch):
