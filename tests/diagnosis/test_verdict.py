@@ -487,7 +487,7 @@ def test_unseen_data_that_contradict_the_model_are_not_silent(one_step, simulate
 
 
 def test_unseen_data_that_agree_less_are_told_beside_nothing_missing():
-    """A leak that the estimated outlets take over where they were fitted, and nowhere else."""
+    """Errors twice those of the fit, foreseen and simulated, are worth a word, and no verdict."""
     found = evidence(p_value=0.4, gain=1.0)
     told = {}
     for unseen in (1.2, 2.0):
