@@ -486,24 +486,6 @@ def test_unseen_data_that_contradict_the_model_are_not_silent(one_step, simulate
     assert (said in told.message) == (name == "cannot tell")
 
 
-def test_unseen_data_that_agree_less_are_told_beside_nothing_missing():
-    """Errors twice those of the fit, foreseen and simulated, are worth a word, and no verdict."""
-    found = evidence(p_value=0.4, gain=1.0)
-    told = {}
-    for unseen in (1.2, 2.0):
-        both = {
-            "estimation": Agreement({"phi": 99.0}, {"phi": 1.0}),
-            "validation": Agreement({"phi": 90.0}, {"phi": unseen}),
-        }
-        baseline = replace(found.baseline, one_step=both, simulated=both)
-        told[unseen] = decide(replace(found, baseline=baseline))
-    assert {one.name for one in told.values()} == {"nothing missing"}
-    assert "Unseen data" not in told[1.2].message
-    assert "Unseen data agree less, though" in told[2.0].message
-    assert "phi is 2 there and 1 in the fit" in told[2.0].message
-    assert told[2.0].next_experiment.startswith("Exchange the data")
-
-
 def test_contradicted_parameter_is_off():
     moved = FittedParameter("J", 0.7, 0.01, 0.5, "kg.m2", 0.0, None, None)
     found = decide(evidence(p_value=0.5, gain=0.0, parameters=[moved], fitted={"J": 0.5}))

@@ -68,9 +68,6 @@ SPOILT = (
     "Look at what else acts on {name}, and at the given values there; daest improve goes on with the law and "
     "looks for what is missing besides."
 )
-EXCHANGE = (
-    "Exchange the data that estimate and those that validate, or estimate from recordings of both kinds."
-)
 LARGER = "Record again with larger amplitudes, which show more of the form of the law."
 
 
@@ -283,7 +280,7 @@ def _decided(evidence: Evidence, accepted: Sequence[Proof], leader: Unproved | N
     if accepted:
         return _cannot_tell(evidence, accepted)
     if evidence.rest.is_explained(evidence) and not any(p.is_any_dynamics for p in evidence.proofs):
-        return _unseen_told(evidence)
+        return _contradicted(evidence) or nothing_missing(evidence)
     if leader is not None:
         return Decided(
             "cannot tell",
@@ -419,31 +416,24 @@ def _to_tell_places(accepted: Sequence[Proof]) -> str:
     return f"Measure {' or '.join(known)} between {places}."
 
 
-def _unseen_told(evidence: Evidence) -> Decided:
-    """The verdict where nothing is left to explain, with what is to be said of unseen data that are both
-    foreseen and simulated worse than those of the fit: clearly so, the model is contradicted, or enough to be
-    told. An observer alone may take long to find the start of unseen data, and a simulation alone may run
-    away."""
-    decided = nothing_missing(evidence)
+def _contradicted(evidence: Evidence) -> Decided | None:
+    """What is to be said where unseen data are both foreseen and simulated far worse than those of the fit,
+    in which nothing is missing; None where they are not. An observer alone may take long to find the start of
+    unseen data, and a simulation alone may run away."""
     told = evidence.told or evidence.baseline
     foreseen, simulated = _unseen_excess(evidence.baseline.one_step), _unseen_excess(told.simulated)
     worse = {name: min(ratio, simulated.get(name, 0.0)) for name, ratio in foreseen.items()}
     name = max(worse, key=worse.__getitem__, default="")
-    if not name or worse[name] < GATES.told_contradiction:
-        return decided
+    if not name or worse[name] < GATES.min_contradiction:
+        return None
     own, unseen = (told.simulated[data].rms[name] for data in RECORDED)
-    errors = f"the error of the simulated {name} is {unseen:.3g} there and {own:.3g} in the fit"
-    if worse[name] >= GATES.min_contradiction:
-        return Decided(
-            "cannot tell",
-            f"Nothing is missing in the data of the fit, but unseen data contradict the model: {errors}. "
-            f"What acts there has not acted before.{_hardly_known(told)}",
-            EXCHANGE,
-        )
-    if decided.name != "nothing missing":
-        return decided
-    message = f"{decided.message} Unseen data agree less, though: {errors}.{_hardly_known(told)}"
-    return replace(decided, message=message, next_experiment=decided.next_experiment or EXCHANGE)
+    return Decided(
+        "cannot tell",
+        "Nothing is missing in the data of the fit, but unseen data contradict the model: the error of the "
+        f"simulated {name} is {unseen:.3g} there and {own:.3g} in the fit. What acts there has not acted "
+        f"before.{_hardly_known(told)}",
+        "Exchange the data that estimate and those that validate, or estimate from recordings of both kinds.",
+    )
 
 
 def _hardly_known(fit: FitResult) -> str:
