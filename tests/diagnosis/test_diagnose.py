@@ -510,6 +510,8 @@ def test_law_whose_searches_all_end_below_the_null_is_tried_with_blunter_kinks(m
     candidate.shape = {}
     roundings.clear()
     assert proof_by_attempts(search, Prepared(trial, None, ())).gain == -19.0 and roundings == [0.3, 1.0, 1.0]
+
+
 def test_stop_that_a_search_has_put_beyond_all_that_is_reached_is_tried_again_within_it(monkeypatch):
     """Two stops at 0.014 of 0.026 m, of which the search has stepped over the end with the lower one."""
     effect = next(e for e in library() if e.class_name == "Daest.Effects.Translational.EndStop")

@@ -17,7 +17,6 @@ from daest.diagnosis.built_in.trials import (
     from_simulation,
     has_kinks,
     prepare,
-    prepare,
     started_at,
 )
 from daest.diagnosis.evidence.proof import (
