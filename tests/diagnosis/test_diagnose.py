@@ -502,6 +502,7 @@ def test_law_whose_searches_all_end_below_the_null_is_tried_with_blunter_kinks(m
     monkeypatch.setattr(attempts, "prepare", lambda *_, share, sharper: sharper)
     monkeypatch.setattr(attempts, "as_prepared", lambda _: 0.3)
     monkeypatch.setattr(attempts, "_beside_refit", lambda *_: 1.0)
+    monkeypatch.setattr(attempts, "_back_within_reach", lambda *_: [])
     monkeypatch.setattr(attempts, "_found_again", lambda _search, _prepared, best: best)
     null = SimpleNamespace(flat=None, estimated=())
     search = SimpleNamespace(stand=SimpleNamespace(null=null))
