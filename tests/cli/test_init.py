@@ -40,6 +40,29 @@ def test_share_that_estimates_is_one_of_the_time(folder, daest):
     assert load_project().preparation.split == 0.5
 
 
+OVEN = """model Oven
+  parameter Real C(unit = "J/K") = 400;
+  parameter Real G(unit = "W/K") = 0.5;
+  input Real P(unit = "W");
+  Real T(unit = "degC", start = 20) "Temperature inside";
+  Real Q(unit = "W") "Loss";
+equation
+  Q = G*(T - 20);
+  C*der(T) = P - Q;
+end Oven;
+"""
+
+
+def test_variables_that_columns_are_called_like_are_outputs_of_a_model_without(folder, daest):
+    (folder / "Oven.mo").write_text(OVEN)
+    rows = [f"{10 * k},{100 * (k < 40)},{20 + k * 0.3:.2f},{k % 3}" for k in range(120)]
+    (folder / "oven.csv").write_text("\n".join(["time,P_W,T_degC,door", *rows]) + "\n")
+    code, out, _ = daest("init", "Oven.mo", "oven.csv")
+    assert code == 0 and "output T: T_degC, please check" in out and "check-unusable" not in out
+    project = load_project()
+    assert project.outputs == {"T": "T_degC"} and list(project.measurement_noise) == ["T"]
+
+
 DECAY = """model Decay
   parameter Real T(unit = "s") = 0.3;
   output Real y(unit = "V", start = 1, fixed = false);

@@ -36,11 +36,11 @@ def command(
 ) -> None:
     """Write a commented daest.toml for MODEL and the recordings DATA.
 
-    Columns are matched with inputs and outputs by name, or proposed by description and unit. Where the model
-    marks no parameter as unknown, those with a unit (all where none has one) that it declares itself are
-    proposed, or else those that it gives to its components, of such that no recording could tell apart the
-    first. An existing file is not
-    touched.
+    Columns are matched with inputs and outputs by name, or proposed by description and unit; of a model
+    without outputs, those are matched that are called like its variables. Where the model marks no parameter
+    as unknown, those with a unit (all where none has one) that it declares itself are proposed, or else those
+    that it gives to its components, of such that no recording could tell apart the first. An existing file is
+    not touched.
     """
     from daest.cli.check import checked
     from daest.cli.models import model_source
@@ -48,6 +48,7 @@ def command(
     from daest.data.project import FILE_NAME, Project, load_project
     from daest.data.read import Signal, read_table
     from daest.data.template import Draft, project_text
+    from daest.modelica.change import with_outputs
     from daest.modelica.flat.clock import model_clock
 
     file = model_options.project_file or Path(FILE_NAME)
@@ -57,6 +58,8 @@ def command(
     flat, proposed = _chosen(source, parameters, model.read_bytes() if model.suffix == ".mo" else b"")
     tables = [read_table(path) for path in data]
     inputs = [Signal(v.name, v.unit) for v in flat.inputs]
+    if tables and not flat.outputs and (measured := _called_like_columns(flat, tables[0])):
+        flat = with_outputs(flat, measured)
     outputs = [Signal(y.name, y.unit) for y in flat.outputs]
     matches = match_columns([*inputs, *outputs], tables[0], _described(flat), _equal(flat)) if tables else []
     draft = Draft(
@@ -190,6 +193,20 @@ def _other_choice(source: Model, flat: Model) -> set[str]:
         for before, after in zip(source.parameters, flat.parameters, strict=True)
         if before.estimate and not after.estimate
     }
+
+
+def _called_like_columns(flat: Model, table: Table) -> list[str]:
+    """The unknowns after whom columns are called, but for case and a trailing unit: what is measured of a
+    model that declares no output. Of those inside components only such as a column names in full, since
+    the last parts of their names (`w`) are those of many."""
+    from daest.data.match import match_columns
+    from daest.data.read import Signal
+
+    named = {name for column in table.columns for name in (column.name, column.header)}
+    signals = [Signal(v.name, v.unit) for v in flat.inputs]
+    signals += [Signal(v.name, v.unit) for v in flat.unknowns if "." not in v.name or v.name in named]
+    matches = match_columns(signals, table)[len(flat.inputs) :]
+    return [match.signal.name for match in matches if match.how in ("name", "similar name")]
 
 
 def _equal(flat: Model) -> dict[str, str]:
