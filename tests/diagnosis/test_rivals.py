@@ -121,14 +121,15 @@ def test_a_plainer_law_at_the_place_of_one_with_a_shape_is_tried():
         for candidate in pairs(laws, sites(model()))
     ]
     rich = next(e.candidate for e in entries if e.candidate.effect.name == "StribeckFriction")
-    best, screen = replace(proof, candidate=rich), SimpleNamespace(entries=entries)
+    apart = np.eye(len(entries))
+    best, screen = replace(proof, candidate=rich), SimpleNamespace(entries=entries, correlation=apart)
     found = laws_at_its_place(best, screen, [best])
     assert found and all(t.candidate.site == rich.site for t in found)
     assert {t.candidate.effect.name for t in found} <= {"CoulombFriction", "ViscousFriction", "QuadraticDrag"}
     tried = [best, *(replace(proof, candidate=t.candidate) for t in found)]
     again = {t.candidate.effect.name for t in laws_at_its_place(best, screen, tried)}
     assert not again & {t.candidate.effect.name for t in found}
-    unseen = SimpleNamespace(entries=[replace(e, p_value=0.5) for e in entries])
+    unseen = SimpleNamespace(entries=[replace(e, p_value=0.5) for e in entries], correlation=apart)
     assert laws_at_its_place(best, unseen, [best]) == ()
     # What has no shape has bent to nothing.
     assert laws_at_its_place(replace(proof, explained=1.0), screen, [proof]) == ()
@@ -242,6 +243,27 @@ def test_a_law_with_a_kink_is_tried_at_the_place_of_a_smooth_one_that_it_resembl
 
     assert tried(0.9) == ["CoulombFriction", "QuadraticDrag"], "with no more parameters"
     assert tried(0.6) == []
+
+
+def test_a_linear_law_is_tried_beside_one_that_the_screen_takes_for_it():
+    """A heater's loss of heat behind coloured noise was radiation, since the screen had seen that alone."""
+    _, _, proof = proved("CoulombFriction")
+    candidates = pairs(
+        some_effects("ViscousFriction", "QuadraticDrag", "ConstantLoad"), [proof.candidate.site]
+    )
+    entries = [Screened(c, 1.0, (0.1,) * len(c.effect.sizes), 0.5, False, 1.0) for c in candidates]
+    bent, straight = (
+        next(c for c in candidates if c.effect.name == n) for n in ("QuadraticDrag", "ViscousFriction")
+    )
+
+    def tried(own, correlation):
+        alike = np.full((len(entries), len(entries)), correlation)
+        best = replace(proof, candidate=own, explained=1.0)
+        found = laws_at_its_place(best, SimpleNamespace(entries=entries, correlation=alike), [best])
+        return [t.candidate.effect.name for t in found]
+
+    assert "ViscousFriction" in tried(bent, 0.99) and tried(bent, 0.95) == []
+    assert tried(straight, 0.99) == []
 
 
 def test_kink_of_a_rival_elsewhere_is_fitted_where_that_of_the_leader_is():

@@ -25,6 +25,7 @@ from daest.diagnosis.evidence.law_values import errors_last
 from daest.diagnosis.evidence.proof import bic_gain
 from daest.diagnosis.evidence.ranking import most_likely
 from daest.diagnosis.evidence.reasons import NO_BEND, STRAIGHT, TURNS_BACK, unseen_scales
+from daest.diagnosis.evidence.same_laws import is_linear_law
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, period_of, simulation_options
 from daest.diagnosis.screening.candidates import with_shapes
@@ -674,8 +675,9 @@ def laws_at_its_place(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tu
     loads and the errors of a simulation last: a spring that hardens bends over all of its travel to what a
     stop does at the ends, which the screen has tried at a few places alone. And those with kinks, where it
     has none and no fewer parameters: dry friction of a shaft that turns one way is a constant torque once its
-    kink is as sharp as the data have it, and the screen has it rounded. Laws of signals have
-    `signal_laws`."""
+    kink is as sharp as the data have it, and the screen has it rounded. And linear ones that the screen takes
+    for one with it, where it is not linear, whether they show or not: a loss of heat is radiation where that
+    says more. Laws of signals have `signal_laws`."""
     own = best.candidate
     if own.is_of_signal:
         return ()
@@ -684,18 +686,27 @@ def laws_at_its_place(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tu
     plainer: dict[str, Trial] = {}
     shaped: dict[str, Trial] = {}
     kinked: dict[str, Trial] = {}
+    linear: dict[str, Trial] = {}
     for entry in screen.entries:
         one, law = entry.candidate, entry.candidate.effect.class_name
-        is_new = one.site == own.site and law not in known and entry.p_value < GATES.screen_level
-        if not is_new or not _is_static(entry):
+        if one.site != own.site or law in known or not _is_static(entry):
             continue
-        if _has_shapes(own) and one.n_unknowns < own.n_unknowns:
+        is_straighter = is_linear_law(one.effect) and not is_linear_law(own.effect)
+        if is_straighter and _is_alike(one, own, screen, GATES.same_place_correlation**2):
+            linear.setdefault(law, Trial(one, entry.sizes, ()))
+        elif entry.p_value >= GATES.screen_level:
+            continue
+        elif _has_shapes(own) and one.n_unknowns < own.n_unknowns:
             plainer.setdefault(law, Trial(one, entry.sizes, ()))
         elif is_partial and _has_shapes(one):
             shaped.setdefault(law, Trial(one, entry.sizes, ()))
-        elif _is_kinked(one) and not _is_kinked(own) and _is_alike(one, own, screen):
+        elif (
+            _is_kinked(one)
+            and not _is_kinked(own)
+            and _is_alike(one, own, screen, GATES.min_rounded_response)
+        ):
             kinked.setdefault(law, Trial(one, entry.sizes, ()))
-    lists = ((plainer, MOST_SIMPLER), (shaped, MOST_SHAPED), (kinked, MOST_SIMPLER))
+    lists = ((linear, MOST_SIMPLER), (plainer, MOST_SIMPLER), (shaped, MOST_SHAPED), (kinked, MOST_SIMPLER))
     return tuple(trial for found, most in lists for trial in list(found.values())[:most])
 
 
@@ -771,13 +782,14 @@ def _is_kinked(one: Candidate) -> bool:
     return any(p.role == "sharpness" for p in one.effect.parameters)
 
 
-def _is_alike(one: Candidate, own: Candidate, screen: Screen) -> bool:
-    """Whether a law has no more parameters than `own` and a response like that, rounded as in the screen."""
+def _is_alike(one: Candidate, own: Candidate, screen: Screen, least: float) -> bool:
+    """Whether a law has no more parameters than `own` and a response like that, rounded as in the screen, of
+    which it says at `least` such a share."""
     names = [entry.candidate.name for entry in screen.entries]
     if own.name not in names or one.n_unknowns > own.n_unknowns:
         return False
     correlation = screen.correlation[names.index(own.name), names.index(one.name)]
-    return bool(correlation**2 >= GATES.min_rounded_response)
+    return bool(correlation**2 >= least)
 
 
 def _has_shapes(one: Candidate) -> bool:
