@@ -175,24 +175,25 @@ def _described_pairs(
     """Signals and columns that name each other best: of the words of the description and of the name, more
     stand in the name of the column than in that of any other that the signal may be, and than any other
     signal has there."""
-    shared = {
-        (i, k): _shared_words(column, signal.name, described.get(signal.name, ""))
-        for i, signal in enumerate(signals)
-        for k, column in enumerate(columns)
-        if _may_be(signal, column)
-    }
-    return [
-        (signals[i], columns[k])
-        for (i, k), count in shared.items()
-        if count > 0 and all(n < count for pair, n in shared.items() if (pair[0] == i) != (pair[1] == k))
-    ]
+    if not signals or not columns:
+        return []
+    words = [(_telling(one.name), _telling(described.get(one.name, ""))) for one in signals]
+    parts = [_words(stem(column)) for column in columns]
+    shared = np.array([[_n_shared(*own, others) for others in parts] for own in words])
+    for i, k in np.argwhere(shared):
+        shared[i, k] *= _may_be(signals[i], columns[k])
+    most = [(shared == shared.max(axis, keepdims=True)) & (shared > 0) for axis in (0, 1)]
+    is_alone = [one & (one.sum(axis, keepdims=True) == 1) for axis, one in enumerate(most)]
+    return [(signals[i], columns[k]) for i, k in np.argwhere(is_alone[0] & is_alone[1])]
 
 
-def _shared_words(column: Column, name: str, description: str) -> int:
-    """How many telling words of the signal stand in the name of the column; those of its description also as
-    a part of a longer one."""
-    named, described = ({w for w in _words(t) if len(w) >= TELLING_LETTERS} for t in (name, description))
-    parts = _words(stem(column))
+def _telling(text: str) -> set[str]:
+    return {word for word in _words(text) if len(word) >= TELLING_LETTERS}
+
+
+def _n_shared(named: set[str], described: set[str], parts: set[str]) -> int:
+    """How many telling words of the name and the description of a signal stand in the `parts` of the name of
+    a column; those of its description also as a part of a longer one."""
     whole = named & parts
     return len(whole) + sum(any(word in part for part in parts) for word in described - whole)
 

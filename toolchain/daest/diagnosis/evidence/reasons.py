@@ -486,11 +486,10 @@ def _smoothing(model: Null, candidate: Candidate, told: FitResult) -> str:
     and each has ended before the next one begins. Empty where that is not so."""
     if candidate.effect.class_name != RATE_LIMIT:
         return ""
-    row = [u.name for u in model.flat.inputs].index(candidate.site.name)
     limit = told.theta[f"{candidate.name}.limit"]
     sizes, apart = [np.empty(0)], [np.empty(0)]
     for one in model.experiments:
-        changes = np.diff(one.inputs[:, row])
+        changes = np.diff(one.input(candidate.site.name))
         at = np.flatnonzero(changes)
         sizes.append(np.abs(changes[at]))
         apart.append(np.diff(one.time[at]))

@@ -150,8 +150,6 @@ def _found_again(search: Search, prepared: Prepared, best: Proof) -> Proof:
 def _attempts(
     search: Search, prepared: Prepared, elsewhere: Sequence[Callable[[], Prepared]]
 ) -> Iterator[Callable[[], Prepared]]:
-    null, trial = search.stand.null, prepared.trial
-    gentle = partial(prepare, null.flat, null.estimated, trial, share=GENTLE, sharper=1.0)
     if prepared.by_shooting:
         yield partial(_by_shooting, search, prepared)
         return
@@ -161,30 +159,29 @@ def _attempts(
         needs_none = prepared.simulation.log_likelihood > search.stand.baseline.log_likelihood
         for start in reversed(starts) if needs_none else starts:
             yield partial(as_prepared, start)
-        # Beside the loads, the null is near to a small effect.
-        yield gentle
-        yield partial(_beside_refit, search, prepared)
-        yield from _blunter(search, prepared)
+        yield from _small_ones(search, prepared)
         return
     yield partial(as_prepared, prepared)
     if prepared.similar is not None:
         return
     yield from elsewhere
-    yield gentle
-    yield partial(_beside_refit, search, prepared)
-    yield from _blunter(search, prepared)
+    yield from _small_ones(search, prepared)
 
 
-def _blunter(search: Search, prepared: Prepared) -> Iterator[Callable[[], Prepared]]:
-    """Maker of the candidate with its kinks rounded more widely than in the screen; none for one without any.
+def _small_ones(search: Search, prepared: Prepared) -> Iterator[Callable[[], Prepared]]:
+    """Makers of the candidate as a small and gentle effect, to which the null is near beside its loads: from
+    the null, from that as it was refitted, and with its kinks rounded more widely than in the screen.
 
     The gains of the filter are those of one average linearisation. Across a sharp kink that is an average of
     two machines, one that sticks and one that slips, and right for neither: the likelihood falls as soon as
     there is any of the law, however true it is, and every search ends below the null. A blunt one has gains
     that suit it; how sharp it is may be fitted once the law is found."""
     null, trial = search.stand.null, prepared.trial
+    small = partial(prepare, null.flat, null.estimated, trial, share=GENTLE)
+    yield partial(small, sharper=1.0)
+    yield partial(_beside_refit, search, prepared)
     if has_kinks(trial.candidate):
-        yield partial(prepare, null.flat, null.estimated, trial, share=GENTLE, sharper=BLUNTER)
+        yield partial(small, sharper=BLUNTER)
 
 
 def _beside_refit(search: Search, prepared: Prepared) -> Prepared:

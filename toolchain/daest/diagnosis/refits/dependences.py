@@ -114,15 +114,16 @@ def _forms(library: Sequence[Effect]) -> list[Effect]:
 def _middles(null: Null, run: NullObserver, most: int) -> dict[str, float]:
     """The means of the variables that move in all recordings, at most as many: measured ones, states,
     inputs. Not those of effects that were put in: no machine changes with what its sensor makes of it."""
-    courses = [internal_variables(null, run, i) for i in range(len(null.experiments))]
+    combined = _combined(null)
     courses = [
-        course | {name: one.output(name) for name in _combined(null) if name in one.output_names}
-        for course, one in zip(courses, null.experiments, strict=True)
+        internal_variables(null, run, i)
+        | {name: one.output(name) for name in combined if name in one.output_names}
+        for i, one in enumerate(null.experiments)
     ]
     loads = {load.name for load in null.loads}
     states = [name for name in null.explicit.state_names if name not in loads]
     measured = [y.name() for y in ca.vertsplit(null.flat.output_expressions) if y.is_symbolic()]
-    wanted = dict.fromkeys((*measured, *_combined(null), *states, *null.experiments[0].input_names))
+    wanted = dict.fromkeys((*measured, *combined, *states, *null.experiments[0].input_names))
     own = [name for name in wanted if name.partition(".")[0] not in null.flat.attached]
     shared = [name for name in own if all(name in course for course in courses)]
     whole = {name: np.concatenate([course[name] for course in courses]) for name in shared[:most]}

@@ -16,7 +16,7 @@ What acts on the body alone is a term of the balance itself."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -139,15 +139,17 @@ def internal_forces(flat: FlatModel) -> list[InternalForce]:
     """Forces between bodies, or between one and what an input moves or what does not move, in the model's own
     equations: one of those that the same motion drives."""
     # A motion in other units is no text in terms of which a law can be written.
-    bodies = [b for b in balances(flat) if DOMAINS.get(flat.unknowns[b.variable].unit) in _FORCES]
+    known = balances(flat)
+    bodies = [b for b in known if DOMAINS.get(flat.unknowns[b.variable].unit) in _FORCES]
     if not bodies:
         return []
+    movers = _movers(flat, known)
     found: list[InternalForce] = []
     motions = np.zeros((0, flat.xi.numel() + flat.u.numel()))
     for force in (
-        *_given_by_equations(flat, bodies),
+        *_given_by_equations(flat, bodies, movers),
         *_in_balances(flat, bodies),
-        *_on_moved_ground(flat, bodies),
+        *_on_moved_ground(flat, bodies, movers),
         *_on_fixed_ground(flat, bodies),
     ):
         motion = _motion(force, flat)
@@ -162,7 +164,9 @@ def internal_forces(flat: FlatModel) -> list[InternalForce]:
     return found
 
 
-def _given_by_equations(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
+def _given_by_equations(
+    flat: FlatModel, bodies: Sequence[Balance], movers: Mapping[int, str]
+) -> Iterator[InternalForce]:
     slopes = slopes_near_start(flat)
     rows = {body.row for body in bodies}
     kinetic = {i for body in bodies for i in (body.variable, body.position)}
@@ -177,7 +181,7 @@ def _given_by_equations(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[
             continue
         sign = -float(slopes[own[0], variable])
         law = _spelled_out(flat, sign * flat.residual[own[0]], slopes, {*laws} - {*own}, {*kinetic, variable})
-        ground = _ground(flat, law, acting, domain)
+        ground = _ground(flat, movers, law, acting, domain)
         deflection = _deflection(flat, acting, ground)
         force = InternalForce(domain, acting, (Entry(own[0], sign),), variable, ground, deflection)
         if not force.is_grounded or "c" in force._own_coefficients(flat):
@@ -217,20 +221,21 @@ def _moved_names(flat: FlatModel) -> tuple[str, ...]:
 
 
 def _ground(
-    flat: FlatModel, law: ca.SX, bodies: Sequence[tuple[Balance, ca.SX]], domain: Domain
+    flat: FlatModel,
+    movers: Mapping[int, str],
+    law: ca.SX,
+    bodies: Sequence[tuple[Balance, ca.SX]],
+    domain: Domain,
 ) -> tuple[tuple[int, float], ...]:
-    """The inputs, and what they alone move, that the bodies stand on, with the factors by which they enter
-    the relative motion whose function the `law` is; none where it is no function of that."""
+    """Those of the `movers` that the bodies stand on, with the factors by which they enter the relative
+    motion whose function the `law` is; none where it is no function of that."""
     has_positions = all(body.position >= 0 for body, _ in bodies)
     unit = (_POSITIONS if has_positions else _SPEEDS)[domain]
-    n = flat.xi.numel()
-    units = {n + i: one.unit for i, one in enumerate(flat.inputs)}
-    units |= {k: flat.unknowns[k].unit for k in _moved_by_inputs(flat)}
-    candidates = [i for i, one in units.items() if is_of(one, unit) and converts(one, unit)]
+    candidates = [i for i, one in movers.items() if is_of(one, unit) and converts(one, unit)]
     if not candidates:
         return ()
     own = [flat.xi[body.position if has_positions else body.variable] for body, _ in bodies]
-    moved = ca.vertcat(*own, *(_moved(flat)[i] for i in candidates))
+    moved = ca.vertcat(*own, _moved(flat)[candidates])
     column = ca.vertcat(ca.jacobian(law, moved).T, *(factor for _, factor in bodies))
     values = at_points(flat, column)[:, 0]
     n_bodies, n_all = len(own), moved.numel()
@@ -242,23 +247,25 @@ def _ground(
         return ()
     found = []
     for i, value in zip(candidates, factors[:, 0], strict=True):
-        scale = conversion(units[i], unit).scale
+        scale = conversion(movers[i], unit).scale
         if abs(abs(value) - scale) < _SAME_UNIT * scale:
             found.append((i, float(np.sign(value)) * (scale if scale == 1.0 else abs(float(value)))))
     return tuple(found)
 
 
-def _moved_by_inputs(flat: FlatModel) -> list[int]:
-    """The unknowns that a row of the model gives from inputs alone, or from others that are, with or without
-    their rates, but for bodies: x in `der(x) = v_trolley`, z in `z = plate/1000`."""
+def _movers(flat: FlatModel, known: Sequence[Balance]) -> dict[int, str]:
+    """The units of what may move a ground, by the numbers of `InternalForce.ground`: inputs, and the unknowns
+    that a row of the model gives from inputs alone, or from others that are, with or without their rates, but
+    for bodies: x in `der(x) = v_trolley`, z in `z = plate/1000`. `known` are the balances of the model."""
     n = flat.xi.numel()
+    units = {n + i: one.unit for i, one in enumerate(flat.inputs)}
     everything = ca.vertcat(flat.xi, flat.derivatives, flat.u)
     rows = own_laws(flat)
     pattern = ca.jacobian_sparsity(flat.residual[rows], everything)
     used: dict[int, set[int]] = {}
     for row, column in zip(pattern.row(), pattern.get_col(), strict=True):
         used.setdefault(row, set()).add(column)
-    bodies = {i for body in balances(flat) for i in (body.variable, body.position) if body.domain(flat)}
+    bodies = {i for body in known for i in (body.variable, body.position) if body.domain(flat)}
     moved: set[int] = set()
     while True:
         new = set()
@@ -268,7 +275,7 @@ def _moved_by_inputs(flat: FlatModel) -> list[int]:
             if len(unknown) == 1 and is_driven:
                 new |= unknown - bodies
         if not new:
-            return sorted(moved)
+            return units | {k: flat.unknowns[k].unit for k in sorted(moved)}
         moved |= new
 
 
@@ -474,7 +481,9 @@ def _geared(flat: FlatModel, acting: ca.SX, bodies: Sequence[Balance]) -> tuple[
     return ()
 
 
-def _on_moved_ground(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
+def _on_moved_ground(
+    flat: FlatModel, bodies: Sequence[Balance], movers: Mapping[int, str]
+) -> Iterator[InternalForce]:
     """Forces between one body and what an input moves, in the balance of the body: a parameter multiplies a
     function of the motion relative to the input, as c in `m*der(v) = -c*(z - road)`."""
     slopes, laws = slopes_near_start(flat), own_laws(flat)
@@ -489,7 +498,7 @@ def _on_moved_ground(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[Int
         terms = ca.jacobian(law / factor, flat.theta)
         for k in range(flat.theta.numel()):
             own = ((body, ca.SX(1.0)),)
-            ground = _ground(flat, terms[k], own, domain) if not terms[k].is_zero() else ()
+            ground = _ground(flat, movers, terms[k], own, domain) if not terms[k].is_zero() else ()
             if ground:
                 deflection = _deflection(flat, own, ground)
                 entries = (Entry(body.row, body.sign, factor),)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -82,8 +81,7 @@ def _bent(slopes: ca.SX, unknowns: ca.SX) -> np.ndarray:
     """Of the entries of `slopes`, of equations by `unknowns`, whether they move with the unknown whose slope
     they are (bool, (n_entries,)): such an equation may have several solutions."""
     of_entry = np.array(slopes.sparsity().get_triplet()[1], dtype=int)
-    values: Any = slopes.nonzeros()
-    moving = ca.jacobian_sparsity(ca.vertcat(*values), unknowns)
+    moving = ca.jacobian_sparsity(slopes.nz[:], unknowns)
     entry, unknown = (np.array(part, dtype=int) for part in moving.get_triplet())
     is_bent = np.zeros(of_entry.size, dtype=bool)
     is_bent[entry[of_entry[entry] == unknown]] = True
