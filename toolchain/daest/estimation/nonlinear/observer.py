@@ -58,12 +58,22 @@ def average_model(
     else:  # not kept: it would keep the process of an FMU
         along = _summed(jacobians(explicit), chosen.size)
     sums = along(states[chosen].T, ubar[chosen].T, theta, time[chosen])
-    A, G, C = (np.array(value) / chosen.size for value in sums)
+    k = chosen[0]
+    first = jacobians(explicit)(states[k], ubar[k], theta, time[k])
+    A, G, C = (_mean(whole, one, chosen.size) for whole, one in zip(sums, first, strict=True))
     laws = sensor_laws(explicit)
     if laws is not None:
         # The gain of a sensor's steepest slope, which follows the slope along the motion.
         C = steepest_slopes(explicit, laws, theta, time[chosen], states[chosen], ubar[chosen])
     return AverageModel(A, G, C, float(np.median(np.diff(time))))
+
+
+def _mean(whole: ca.DM, first: ca.DM, n_samples: int) -> np.ndarray:
+    """The mean of matrices of the sum `whole`, with entries that are the same at all samples as in the `first`
+    of them: a sum of n equal numbers is off by up to n rounding errors, and an angle behind a gear that no
+    output sees would seem to be seen."""
+    mean, once = np.array(whole) / n_samples, np.array(first)
+    return np.where(np.abs(mean - once) <= n_samples * np.finfo(float).eps * np.abs(once), once, mean)
 
 
 def jacobians(explicit: Dynamics) -> ca.Function:
