@@ -207,6 +207,34 @@ def test_command_of_a_controller_in_the_unit_of_a_force_is_a_signal_as_well(spee
     assert [site.name for site in sites(flat) if site.kind == "force"] == ["0:u"]
 
 
+SLIPPING = """model Car
+  parameter Real lf(unit = "m") = 1.2, lr(unit = "m") = 1.5;
+  parameter Real cf(unit = "N/rad") = 8e4, cr(unit = "N/rad") = 9e4;
+  parameter Real m(unit = "kg") = 1500, J(unit = "kg.m2") = 2500;
+  parameter Real fast(unit = "m/s") = 20;
+  input Real delta(unit = "rad"), v(unit = "m/s");
+  output Real r(unit = "rad/s", start = 0);
+  Real vy(unit = "m/s", start = 0);
+  Real Ff(unit = "N"), Fr(unit = "N");
+equation
+  Ff = cf*(delta - (vy + lf*r)/v);
+  Fr = -cr*(vy - lr*r)/v;
+  m*(der(vy) + v*r) = Ff + Fr;
+  J*der(r) = lf*Ff - lr*Fr;
+end Car;
+"""
+
+
+@pytest.mark.parametrize(("speed", "signals"), [("v", {"Ff", "Fr"}), ("fast", set())])
+def test_force_of_a_slip_is_a_signal_as_well(speed, signals):
+    """It goes with a ratio of speeds: no relative motion of bodies tells what bends it. At a speed that is
+    given it is that of a damper."""
+    text = SLIPPING.replace("/v", f"/{speed}")
+    assert inside(text) == signals
+    flat = compile_text(text.encode(), Path("Model.mo"))
+    assert [site.name for site in sites(flat) if site.kind == "force"] == ["0:Ff", "1:Fr"]
+
+
 @pytest.mark.parametrize(("rate", "signals"), [("r - w", {"u"}), ("off", {"u"}), ("r", set())])
 def test_command_of_a_controller_of_the_speed_is_a_signal_as_well(rate, signals):
     """With the sum of its errors it moves as a spring and damper to a shaft that is driven."""

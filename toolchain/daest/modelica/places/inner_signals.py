@@ -23,7 +23,7 @@ import numpy as np
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
-from daest.modelica.flat.factors import is_of_parameters
+from daest.modelica.flat.factors import are_same, is_of_parameters
 from daest.modelica.places.balances import balances, domain_of, own_laws, slopes_near_start
 from daest.modelica.places.place_units import has_unit
 from daest.quantities import is_of
@@ -54,10 +54,10 @@ def inner_signals(
     flat: FlatModel, domains: Collection[Domain], taken: Collection[str], flows: Collection[str] = ()
 ) -> tuple[InnerSignal, ...]:
     """The signals inside of the model, whose places of other kinds are in these `domains`; variables called
-    as in `taken` are places already, but for what may be a command as well as a force, and for `flows`
-    through meshes, which may have a limit."""
+    as in `taken` are places already, but for what may be a command as well as a force, for forces of a slip,
+    and for `flows` through meshes, which may have a limit."""
     laws = _Laws(flat)
-    taken = {*taken} - laws.commands() - {*flows} | {*flat.output_names}
+    taken = {*taken} - laws.commands() - laws.slips() - {*flows} | {*flat.output_names}
     blocks, own = _outputs_of_blocks(flat), {*own_laws(flat)}
     found: list[InnerSignal] = []
     for variable, row in (*laws.given.items(), *laws.integrated.items()):
@@ -191,6 +191,26 @@ class _Laws:
             if any({*body} <= used or body[0] in summed for body in bodies):
                 given = [i for i in self._unknowns[row] if abs(self._slopes[row, i]) == 1.0]
                 found |= {self._flat.unknowns[i].name for i in given}
+        return found
+
+    def slips(self) -> set[str]:
+        """Names of the variables that a law gives which goes with ratios of speeds alone, of bodies and of
+        inputs, as the force of a tyre with its slip does in `F = c*(delta - (vy + l*r)/v)`: what such a force
+        lacks goes with its slip, which no relative motion of bodies is."""
+        flat = self._flat
+        symbols = [*ca.vertsplit(flat.xi), *ca.vertsplit(flat.u)]
+        units = [x.unit for x in (*flat.unknowns, *flat.inputs)]
+        speeds = {i for i, unit in enumerate(units) if is_of(unit, "m/s") or is_of(unit, "rad/s")}
+        bodies = {body.variable for body in balances(flat)}
+        found: set[str] = set()
+        for variable, row in self.given.items():
+            used = self._unknowns[row] | {self._n + i for i in self._inputs[row]}
+            if max(self._unknowns[row]) >= self._n or not bodies & speeds & used:
+                continue
+            own = ca.vertcat(*(symbols[i] for i in sorted(speeds & used)))
+            faster = ca.substitute(flat.residual[row], own, 2.0 * own)
+            if are_same(flat, flat.residual[row], faster, flat.theta_values):
+                found.add(flat.unknowns[variable].name)
         return found
 
     def _made_of(self, row: int) -> tuple[set[int], set[int]]:
