@@ -43,8 +43,8 @@ def test_average_is_the_mean_slope_along_the_motion():
 
 
 def test_angle_behind_a_gear_that_no_output_sees_stays_unseen():
-    """The mean of equal slopes is the slope, or the rounding of the sum would show the speeds where the shafts
-    stand, and nothing would hold the stationary covariance of that."""
+    """The mean of equal slopes is the slope, or the rounding of the sum would show the speeds where the
+    shafts stand, and nothing would hold the stationary covariance of that."""
     ratio, c, d, Jr, Jg = 0.05, 44661.69774936412, 131.9398018963725, 314.8399791773138, 0.6340781245947232
     explicit = explicit_from(
         ("phi", "w", "phi_g", "w_g"), {},
@@ -56,7 +56,8 @@ def test_angle_behind_a_gear_that_no_output_sees_stays_unseen():
         ],
         {"speed": lambda x, u, theta: x[1], "speed_g": lambda x, u, theta: x[3]}, ("w",),
     )  # fmt: skip
-    states, time, none = np.random.default_rng(0).standard_normal((1000, 4)), 0.02 * np.arange(1000), np.zeros(0)
+    states, time = np.random.default_rng(0).standard_normal((1000, 4)), 0.02 * np.arange(1000)
+    none = np.zeros(0)
     found = average_model(explicit, none, time, states, np.zeros((1000, 1)))
     of_two = average_model(explicit, none, time[:2], states[:2], np.zeros((2, 1)))
     assert np.array_equal(found.A, of_two.A)

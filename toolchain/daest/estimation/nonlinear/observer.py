@@ -69,9 +69,9 @@ def average_model(
 
 
 def _mean(whole: ca.DM, first: ca.DM, n_samples: int) -> np.ndarray:
-    """The mean of matrices of the sum `whole`, with entries that are the same at all samples as in the `first`
-    of them: a sum of n equal numbers is off by up to n rounding errors, and an angle behind a gear that no
-    output sees would seem to be seen."""
+    """The mean of matrices of the sum `whole`, with entries that are the same at all samples as in the
+    `first` of them: a sum of n equal numbers is off by up to n rounding errors, and an angle behind a gear
+    that no output sees would seem to be seen."""
     mean, once = np.array(whole) / n_samples, np.array(first)
     return np.where(np.abs(mean - once) <= n_samples * np.finfo(float).eps * np.abs(once), once, mean)
 

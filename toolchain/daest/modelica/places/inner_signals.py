@@ -23,6 +23,7 @@ import numpy as np
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
+from daest.modelica.flat.delays import is_memory_of_delay
 from daest.modelica.flat.factors import are_same, is_of_parameters
 from daest.modelica.places.balances import balances, domain_of, own_laws, slopes_near_start
 from daest.modelica.places.place_units import has_unit
@@ -139,6 +140,7 @@ class _Laws:
         self.rates = dict(filter(None, map(_rate, self._slopes)))
         self.given = self._given()
         self.integrated = self._integrated()
+        self._memory = {i for i, x in enumerate(flat.unknowns) if is_memory_of_delay(x.name)}
         self._made = {row: variable for variable, row in self.given.items()}
 
     def _given(self) -> dict[int, int]:
@@ -164,7 +166,7 @@ class _Laws:
         """The unknowns that equations of their own bring to what they are told, with a time constant, and
         that other laws use; not where one uses the rate, too."""
         signals: list[InnerSignal] = []
-        for row in sorted(own):
+        for row in sorted({*own} - self._of_delays()):
             rates = [i for i in self._unknowns[row] if i >= self._n]
             if len(rates) != 1 or len(self._rows[rates[0]]) > 1:
                 continue
@@ -175,6 +177,10 @@ class _Laws:
             if self.is_taken_further(signal):
                 signals.append(signal)
         return signals
+
+    def _of_delays(self) -> set[int]:
+        """The rows of the polynomials that a dead time is computed by."""
+        return {row for one in self._memory for row in self._rows[self._n + one]}
 
     def commands(self) -> set[str]:
         """Names of the variables that a law gives which is made of an input and of the position and the speed
@@ -261,14 +267,16 @@ class _Laws:
         return result if is_line else None
 
     def sources(self, variable: int) -> tuple[set[int], set[int]]:
-        """The inputs, and the unknowns that no row without derivatives gives, of which an unknown is made."""
+        """The inputs, and the unknowns that no row without derivatives gives, of which an unknown is made;
+        what a dead time makes of a signal is made of that."""
         inputs: set[int] = set()
         states: set[int] = set()
         left, seen, passed = [variable], {variable}, set[int]()
         while left:
             one = left.pop()
             links = {row for row in self._rows.get(one, ()) if self._is_connection(row)} - passed
-            rows = {self.given[one]} if one in self.given else links
+            late = set() if one not in self._memory else {*self._rows[one]} - passed
+            rows = {self.given[one]} if one in self.given else links | late
             if not rows:
                 states.add(one)
             for row in rows:
@@ -278,7 +286,7 @@ class _Laws:
                 new = {used for used in self._unknowns[row] if used < self._n} - seen
                 seen |= new
                 left += sorted(new)
-        return inputs, states
+        return inputs, states - self._memory
 
 
 def _rate(slopes: np.ndarray) -> tuple[int, int] | None:
