@@ -505,6 +505,7 @@ def test_unnamed_effect_that_follows_a_variable_is_unknown(cause):
 def test_coloured_innovations_say_that_something_dynamic_is_missing():
     found = decide(evidence(innovations=COLOURED))
     assert found.name == "unknown effect" and "dynamic" in found.message
+    assert "or the noise of a sensor is slow" in found.message
 
 
 def test_lags_too_short_to_be_told_apart_say_that_something_fast_is_missing():

@@ -182,12 +182,14 @@ def _comes_near(evidence: Evidence, near: Proof) -> Decided:
 
 
 def _dynamic(evidence: Evidence, loads: Loads) -> Decided:
-    """Errors that stay correlated in time. The nearest law is one that a simulation of unseen data does not
-    speak against: beside loads, anything that lasts gains likelihood."""
+    """Errors that stay correlated in time, as slow noise of a sensor makes them, too. The nearest law is one
+    that a simulation of unseen data does not speak against: beside loads, anything that lasts gains
+    likelihood."""
     near = _nearest(evidence, 1.0 + GATES.max_simulated_loss)
     text = (
-        "Something dynamic is missing: the prediction errors stay correlated in time although loads were "
-        f"admitted at {_load_places(loads)}, and no effect of the library explains them."
+        "Something dynamic is missing, or the noise of a sensor is slow: the prediction errors stay "
+        f"correlated in time although loads were admitted at {_load_places(loads)}, and no effect of the "
+        "library explains them."
     )
     if near is not None:
         text += f" {near.candidate.label} comes nearest ({told_values(near)}), but {near.reason}."
