@@ -21,7 +21,7 @@ from daest.systems.linear.state_space import sample
 from daest.systems.simulation.sensor_laws import sensor_laws, steepest_slopes
 
 MOST_POINTS = 2000  # of a trajectory that the average is taken over
-KEPT = 16  # functions of its Jacobians
+KEPT = 32  # functions of its Jacobians
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,13 @@ def average_model(
     """Average linearisation over states (n_samples, n) with inputs ū (n_samples, n_ū)."""
     chosen = np.unique(np.linspace(0, time.size - 1, min(time.size, MOST_POINTS)).astype(int))
     if explicit.is_symbolic:  # asked again and again by a search over noise levels
-        along = _jacobians_along(explicit.rhs, explicit.outputs, chosen.size)
+        along, one = (_jacobians_along(explicit.rhs, explicit.outputs, n) for n in (chosen.size, 1))
     else:  # not kept: it would keep the process of an FMU
-        along = _summed(jacobians(explicit), chosen.size)
+        one = jacobians(explicit)
+        along = _summed(one, chosen.size)
     sums = along(states[chosen].T, ubar[chosen].T, theta, time[chosen])
-    k = chosen[0]
-    first = jacobians(explicit)(states[k], ubar[k], theta, time[k])
-    A, G, C = (_mean(whole, one, chosen.size) for whole, one in zip(sums, first, strict=True))
+    first = one(states[chosen[0]], ubar[chosen[0]], theta, time[chosen[0]])
+    A, G, C = (_mean(*matrices, chosen.size) for matrices in zip(sums, first, strict=True))
     laws = sensor_laws(explicit)
     if laws is not None:
         # The gain of a sensor's steepest slope, which follows the slope along the motion.
