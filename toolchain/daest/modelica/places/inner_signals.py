@@ -267,16 +267,14 @@ class _Laws:
         return result if is_line else None
 
     def sources(self, variable: int) -> tuple[set[int], set[int]]:
-        """The inputs, and the unknowns that no row without derivatives gives, of which an unknown is made;
-        what a dead time makes of a signal is made of that."""
+        """The inputs, and the unknowns that no row without derivatives gives, of which an unknown is made."""
         inputs: set[int] = set()
         states: set[int] = set()
         left, seen, passed = [variable], {variable}, set[int]()
         while left:
             one = left.pop()
             links = {row for row in self._rows.get(one, ()) if self._is_connection(row)} - passed
-            late = set() if one not in self._memory else {*self._rows[one]} - passed
-            rows = {self.given[one]} if one in self.given else links | late
+            rows = {self.given[one]} if one in self.given else links
             if not rows:
                 states.add(one)
             for row in rows:
@@ -286,7 +284,7 @@ class _Laws:
                 new = {used for used in self._unknowns[row] if used < self._n} - seen
                 seen |= new
                 left += sorted(new)
-        return inputs, states - self._memory
+        return inputs, states
 
 
 def _rate(slopes: np.ndarray) -> tuple[int, int] | None:
