@@ -46,7 +46,8 @@ def axis(tmp_path, monkeypatch):
     np.savetxt(tmp_path / "run.csv", record(), delimiter=",", header="time,F,y", comments="", fmt="%.9g")
 
 
-@pytest.mark.parametrize("command", ["diagnose", pytest.param("improve", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["diagnose", "improve"])
 def test_what_the_coarser_period_colours_is_no_missing_effect(axis, daest, command):
     """The force moves at 500 Hz: behind the filter for 8 ms, errors of an exact model are correlated."""
     arguments = ("Axis.mo", "run.csv", "--effect", "ConstantLoad", "--format", "json")

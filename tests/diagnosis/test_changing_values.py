@@ -67,6 +67,7 @@ def test_nothing_changes_where_a_sensor_drifts_or_the_law_is_none_of_time():
     assert changing_value(changing, run_null(changing.null), steady, library()) is None
 
 
+@pytest.mark.slow
 def test_a_torque_that_drifts_is_likelier_than_any_change():
     stand = stand_with(0.0, 0.3)
     null, drifting = stand.null, law(stand).flat

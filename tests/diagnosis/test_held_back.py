@@ -87,6 +87,7 @@ def test_improve_adds_both():
     assert found.steps[1].remark == "only together with what follows"
 
 
+@pytest.mark.slow
 def test_a_lag_alone_is_told_as_one():
     options = DiagnoseOptions(effects=("CoulombFriction", "Lag"))
     found = diagnose(axis(), effect_library(), [recorded(0.0, 1200)], options=options)

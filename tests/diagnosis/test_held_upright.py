@@ -162,6 +162,7 @@ def test_model_that_falls_into_a_singularity_is_led_by_the_record():
     assert_white(run_null(null))
 
 
+@pytest.mark.slow
 def test_sensor_of_a_ball_under_a_magnet_is_found_though_no_simulation_holds_it():
     record = ball()
     shifted = replace(record, outputs=record.outputs + 0.4)

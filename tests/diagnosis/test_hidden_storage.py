@@ -208,6 +208,7 @@ def test_load_that_oil_drags_along_with_a_trolley(tmp_path) -> None:
         assert abs(own.value - true) < 4.0 * own.std_error
 
 
+@pytest.mark.slow
 def test_sine_from_elsewhere_is_no_mass_that_rings(tmp_path) -> None:
     """A mass of nothing that rings without damping from the first sample on may be any sine."""
     m, d, T = 6.0, 4.0, 1.6

@@ -57,12 +57,13 @@ def recorded(limit, friction=0.0):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("limit", "verdict", "others"),
     [
         (4.0, "supported", ()),
-        pytest.param(4.0, "supported", ("QuadraticDrag", "ConstantLoad"), marks=pytest.mark.slow),
-        pytest.param(1e9, "nothing missing", ("QuadraticDrag", "ConstantLoad"), marks=pytest.mark.slow),
+        (4.0, "supported", ("QuadraticDrag", "ConstantLoad")),
+        (1e9, "nothing missing", ("QuadraticDrag", "ConstantLoad")),
     ],
 )
 def test_command_that_is_cut_is_told_from_all_else(limit, verdict, others):

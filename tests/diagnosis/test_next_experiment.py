@@ -65,6 +65,7 @@ def test_input_that_tells_them_apart(rotor):
     assert ".." not in text
 
 
+@pytest.mark.slow
 def test_machine_is_not_driven_far_beyond_what_was_seen_of_it(rotor):
     left = [
         proof(rotor, "CoulombFriction", "rotor.flange_a", tau_c=0.2),

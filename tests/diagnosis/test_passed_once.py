@@ -56,6 +56,7 @@ def test_springs_are_tried_where_the_motion_turns_back_or_the_model_has_the_posi
     assert left(names, ([25.0, 9.0, 1.0],), **known) == set(names)
 
 
+@pytest.mark.slow
 def test_rolling_resistance_of_a_drum_is_no_spring():
     """m der(v) = -d v - f, noise of 0.1 km/h: from 25 m/s until it stands, and unseen from 20 m/s."""
 

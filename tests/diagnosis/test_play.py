@@ -88,6 +88,7 @@ def test_play_of_a_sensor_or_an_actuator_is_found(tmp_path, place: str, width: f
     assert own.value == pytest.approx(width, rel=0.05)
 
 
+@pytest.mark.slow
 def test_play_of_an_input_that_is_held_is_seen_in_a_machine_that_bends(tmp_path) -> None:
     """A play of no width forgets in which direction its signal went, before the next step shows it."""
     rng, dt, n_steps = np.random.default_rng(4), 0.05, 20

@@ -54,6 +54,7 @@ def test_inputs_that_act_as_they_are_recorded_gain_nothing(case, straight, hold)
     assert gain_of_earlier_inputs(null) == 0.0
 
 
+@pytest.mark.slow
 def test_inputs_that_are_many_samples_late_are_found(case):
     """Of a machine whose command was logged by another clock a stop was supported."""
     flat, experiment = case

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
 from daest.diagnosis.built_in.chosen import chosen_candidates
@@ -49,6 +50,7 @@ def test_input_that_the_model_does_not_use_is_a_cause_like_a_column():
     assert unused_inputs(attached(flat, [gain])) == ()
 
 
+@pytest.mark.slow
 def test_reference_keeps_the_simulation_that_unseen_data_like_less(monkeypatch):
     """Laws are looked for from the best simulation of what is fitted, and judged beside the best of unseen
     data: friction of a motor had had no screen in open loop where that was the fit beside white loads."""

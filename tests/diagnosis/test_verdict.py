@@ -408,13 +408,14 @@ def test_simulation_down_to_the_noise_is_nothing_missing_whatever_the_load():
 
 
 @pytest.mark.parametrize(
-    ("proofs", "name", "said"),
+    ("refused", "name", "said"),
     [
-        ([], "nothing missing", "The search has seen something (p = 1e-09), but it hardly matters"),
-        ([proof(verdict="rejected")], "cannot tell", "Something small is missing (p = 1e-09"),
+        (0, "nothing missing", "The search has seen something (p = 1e-09), but it hardly matters"),
+        (1, "cannot tell", "Something small is missing (p = 1e-09"),
     ],
 )
-def test_a_sure_search_is_told_where_a_simulation_is_as_good_as_predictions(proofs, name, said):
+def test_a_sure_search_is_told_where_a_simulation_is_as_good_as_predictions(refused, name, said):
+    proofs = refused * [proof(verdict="rejected")]
     found = decide(evidence(proofs=proofs, simulated=0.5, p_value=1e-9))
     assert found.name == name and said in found.message
     off = FittedParameter("J", 0.5, 0.01, 0.02, "kg.m2", 0.0, None, None)

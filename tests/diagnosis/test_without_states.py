@@ -43,6 +43,7 @@ def _diagnosed(folder: Path, u: np.ndarray, q: np.ndarray, *names: str) -> Diagn
     return diagnose(compile_model(folder / "Wall.mo"), effects, [experiment])
 
 
+@pytest.mark.slow
 def test_lag_is_found_where_the_model_has_no_time_constant(tmp_path: Path) -> None:
     steps = np.repeat(np.random.default_rng(7).normal(size=(70, 2)), 12, axis=0)
     u = np.array([21.0, 10.0]) + steps * [1.0, 4.0]
