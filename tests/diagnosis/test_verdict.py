@@ -509,6 +509,15 @@ def test_coloured_innovations_say_that_something_dynamic_is_missing():
     assert "or the noise of a sensor is slow" in found.message
 
 
+@pytest.mark.parametrize("p_value", [0.5, 1e-6])
+def test_coloured_innovations_that_nothing_drives_are_a_disturbance(monkeypatch, p_value):
+    monkeypatch.setattr(Loads, "are_driven", False)
+    found = decide(evidence(innovations=COLOURED, p_value=p_value))
+    is_any_effect = p_value < GATES.missing_level
+    assert found.name == ("unknown effect" if is_any_effect else "external disturbance")
+    assert found.is_by_colour
+
+
 def test_lags_too_short_to_be_told_apart_say_that_something_fast_is_missing():
     refused = replace(proof(verdict="rejected"), is_any_dynamics=True, reason="it is short")
     found = decide(evidence(proofs=[refused], related=True))

@@ -138,7 +138,7 @@ def _examined(
     form = next(iter(forms), None)
     bought = null.fit.log_likelihood - stand.told.log_likelihood
     starts = starts_from_nowhere(null, bought, sum(one.log_likelihood_gain for one in gains))
-    loads = Loads(stand.declared, null, run, gains, form, starts=starts)
+    loads = Loads(stand.declared, null, run, gains, form, starts=starts, without=stand.told)
     course = Course(
         stand, loads, load, (found, used), candidates, chosen_library, options, progress, watched, pool,
         beside[0].simulated if beside else None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,11 +18,13 @@ from daest.diagnosis.answers.decided import (
     reasons_told,
 )
 from daest.diagnosis.answers.told_laws import errors_told, importance_told
+from daest.diagnosis.evidence.driven_errors import are_driven
 from daest.diagnosis.evidence.load_starts import LoadStart, takes_over
 from daest.diagnosis.evidence.noise_level import simulates_to_noise
+from daest.diagnosis.evidence.open_loop import simulated_errors
 from daest.diagnosis.evidence.reasons import told_values
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.null_model.null import Null, slowest_at
+from daest.diagnosis.null_model.null import Null, at_fit, slowest_at
 from daest.diagnosis.screening.screen import NullObserver
 from daest.estimation.fitting.signals import still_share
 from daest.estimation.gates import FIT
@@ -30,6 +33,7 @@ from daest.model.diagnosis import (
     PlaceGain,
     Proof,
 )
+from daest.model.fit import FitResult
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
 from daest.quantities import spoken_duration
@@ -39,7 +43,8 @@ from daest.quantities import spoken_duration
 class Loads:
     """The rest where unknown loads stand beside the model as it is. `form` is what the load follows best,
     `against_form` why unseen data speak against a curve over its variable, `not_asked` why they
-    were not asked, `starts` those that begin with the recording from nowhere."""
+    were not asked, `starts` those that begin with the recording from nowhere. `without` is the fit without
+    them."""
 
     flat: FlatModel
     null: Null
@@ -49,6 +54,16 @@ class Loads:
     against_form: str = ""
     not_asked: str = ""
     starts: tuple[LoadStart, ...] = ()
+    without: FitResult | None = None
+
+    @cached_property
+    def are_driven(self) -> bool | None:
+        """Whether the errors of the simulation `without` loads follow what drives the model; None where that
+        is not known."""
+        if self.without is None:
+            return None
+        errors = simulated_errors(at_fit(self.null, self.without), ())
+        return None if errors is None else are_driven(self.null.experiments, errors.fitted)
 
     @property
     def is_related(self) -> bool:
@@ -90,7 +105,7 @@ def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
     if form is not None and loads.is_related:
         return _no_law(evidence, loads, form) if loads.against_form else _unknown(evidence, loads, form)
     if _is_coloured(loads):
-        return _dynamic(evidence, loads)
+        return _undriven(evidence, loads) if _is_undriven(evidence, loads) else _dynamic(evidence, loads)
     near = [p for p in evidence.proofs if p.delta_bic > GATES.min_told_bic_gain]
     if evidence.screen.p_value < GATES.missing_level and near:
         return _not_proven(evidence, near)
@@ -195,6 +210,25 @@ def _dynamic(evidence: Evidence, loads: Loads) -> Decided:
         text += f" {near.candidate.label} comes nearest ({told_values(near)}), but {near.reason}."
         text += errors_told(evidence, near)
     return Decided("unknown effect", text + foreseen_by(evidence, near), WIDER_BAND, is_by_colour=True)
+
+
+def _is_undriven(evidence: Evidence, loads: Loads) -> bool:
+    """Whether errors that last are none of dynamics that the model lacks: nothing that moves it tells them,
+    and no effect of the library does."""
+    return evidence.screen.p_value >= GATES.missing_level and loads.are_driven is False
+
+
+def _undriven(evidence: Evidence, loads: Loads) -> Decided:
+    """Errors that stay correlated in time, whatever the machine does."""
+    return Decided(
+        "external disturbance",
+        "The prediction errors stay correlated in time although loads were admitted at "
+        f"{_load_places(loads)}, but what the simulation leaves follows neither the inputs nor the outputs: "
+        "it is the slow noise of a sensor, or a load from outside, and no dynamics that the model lacks."
+        + foreseen_by(evidence, None),
+        "Repeat the same experiment: what comes back in the same way belongs to the machine.",
+        is_by_colour=True,
+    )
 
 
 def _any_dynamics(evidence: Evidence, short: Sequence[Proof]) -> Decided:
