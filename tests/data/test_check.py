@@ -483,6 +483,19 @@ def test_columns_that_are_computed_from_others():
     }
 
 
+def test_angle_that_begins_again_after_a_turn():
+    time = PERIOD * np.arange(N)
+    heading = 1000.0 * np.sin(2.0 * np.pi * time / time[-1]) + np.random.default_rng(1).normal(size=N)
+    wrapped = (heading + 180.0) % 360.0 - 180.0
+    assert ("check-wrapped", "a") in codes(a=("deg", wrapped))
+    assert ("check-wrapped", "a") in codes(a=("rad", np.radians(wrapped) + np.pi))
+    assert ("check-wrapped", "a") not in codes(a=("deg", heading))
+    assert ("check-wrapped", "a") not in codes(a=("m", wrapped))
+    switched = 150.0 * np.sign(np.sin(20.0 * np.pi * time / time[-1] + 0.1))
+    assert ("check-wrapped", "a") not in codes(a=("deg", switched))
+    assert ("check-wrapped", "a") not in codes(a=("deg", np.random.default_rng(2).uniform(-180, 180, N)))
+
+
 def test_few_samples_and_many_turns():
     time = PERIOD * np.arange(N)
     assert ("check-turns", "a") in codes(a=("deg", 360 * 574 * time / time[-1]), b=("m", time))
