@@ -149,3 +149,14 @@ def test_dimensions_of_si_units_are_those_of_pint() -> None:
         assert dimensions(symbol) == known, symbol
     assert dimensions("W/(m2.K)") == {"[mass]": 1.0, "[time]": -3.0, "[temperature]": -1.0}
     assert dimensions("V.A/W") == {}
+
+
+def test_c_and_f_are_degrees_where_a_temperature_is_wanted():
+    assert conversion("C", "degC") == conversion("degC", "degC")
+    assert conversion("C", "K") == conversion("degC", "K")
+    assert conversion("F", "degC") == conversion("degF", "degC")
+    assert conversion("mC", "C").scale == pytest.approx(1e-3)
+    with pytest.raises(DataError):
+        conversion("C", "W/K")
+    with pytest.raises(DataError):
+        conversion("degC", "C")

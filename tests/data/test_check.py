@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.signal import chirp, lfilter, lsim
 
-from daest.data.check import check_table
+from daest.data.check import check_experiment, check_table
 from daest.data.faults import Samples, clock_findings, column_findings
 from daest.data.read import read_table
 from daest.data.table import Column, Table
+from daest.model.experiment import Experiment
 
 PERIOD = 0.01
 N = 4000
@@ -481,6 +482,29 @@ def test_columns_that_are_computed_from_others():
     assert not {code for code, _ in codes(x=("m", position), v=("m/s", measured), c=("m", again))} & {
         "check-computed"
     }
+
+
+def test_angle_that_begins_again_after_a_turn():
+    time = PERIOD * np.arange(N)
+    heading = 1000.0 * np.sin(2.0 * np.pi * time / time[-1]) + np.random.default_rng(1).normal(size=N)
+    wrapped = (heading + 180.0) % 360.0 - 180.0
+    assert ("check-wrapped", "a") in codes(a=("deg", wrapped))
+    assert ("check-wrapped", "a") in codes(a=("rad", np.radians(wrapped) + np.pi))
+    assert ("check-wrapped", "a") not in codes(a=("deg", heading))
+    assert ("check-wrapped", "a") not in codes(a=("m", wrapped))
+    switched = 150.0 * np.sign(np.sin(20.0 * np.pi * time / time[-1] + 0.1))
+    assert ("check-wrapped", "a") not in codes(a=("deg", switched))
+    assert ("check-wrapped", "a") not in codes(a=("deg", np.random.default_rng(2).uniform(-180, 180, N)))
+
+
+def test_angle_of_a_recording_is_known_by_the_unit_of_its_output():
+    time = PERIOD * np.arange(N)
+    heading = np.degrees(
+        np.arctan2(np.sin(5.0 * time / time[-1] * np.pi), np.cos(5.0 * time / time[-1] * np.pi))
+    )
+    record = Experiment("made", time, np.zeros((N, 0)), heading[:, None], (), ("a",))
+    assert "check-wrapped" in {f.code for f in check_experiment(record, units={"a": "deg"}).findings}
+    assert "check-wrapped" not in {f.code for f in check_experiment(record).findings}
 
 
 def test_few_samples_and_many_turns():

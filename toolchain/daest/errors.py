@@ -287,6 +287,12 @@ EXPLANATIONS: dict[str, str] = {
     "check-unusable": (
         "The recording cannot be used with the model; the message says why, as daest identify would."
     ),
+    "check-wrapped": (
+        "An angle is recorded between two limits a turn apart and begins again there, as the heading of a "
+        "compass, or what atan2 gives. The angle of a model counts on, so that its error grows by a turn at "
+        "each jump, and a fit means nothing. Add a turn at each jump back (numpy.unwrap, or MATLAB, "
+        "in radians), or take the rate of turn as the output."
+    ),
     "cluster-differs": (
         "A worker of the cluster has other versions of daest or of the packages that numbers depend on, or "
         "no C compiler where this machine has one: its results might be others. Install the same there, and "

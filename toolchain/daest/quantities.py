@@ -90,6 +90,7 @@ _TURNS: tuple[tuple[Factors, float], ...] = (  # units that count turns in a tim
     ({"Hz": 1}, 1.0),
 )
 _MOST_UNITS = 1000  # whose dimensions are remembered: models ask for those of a few units thousands of times
+_DEGREES: dict[str, Factors] = {"C": {"degC": 1}, "F": {"degF": 1}}  # as loggers write them
 _TEMPERATURES = {"degC", "degF", "degRk", "K"}
 
 
@@ -211,13 +212,16 @@ def conversion(given: str, wanted: str) -> Conversion:
     """The conversion from unit `given` to unit `wanted`.
 
     rad counts as 1, deg as π/180. A bare temperature converts with its offset (degC to K); in a product it
-    is a difference. As an acceleration g is that of gravity, no gram. Neither Hz nor 1/min becomes rad/s:
+    is a difference. As an acceleration g is that of gravity, no gram, and C and F are degrees where a
+    temperature is wanted, no coulomb and no farad. Neither Hz nor 1/min becomes rad/s:
     whether a turn or a radian is meant cannot be known; beside rpm and rev/s it is a turn.
     Raises DataError `unit-incompatible` or `unit-unknown`.
     """
     if given == wanted:
         return Conversion()
     source, target = parse_unit(given), parse_unit(wanted)
+    if _is_temperature(target):
+        source = _DEGREES.get(given, source)
     if source == target:
         return Conversion()
     turns = _turns_per_second(source), _turns_per_second(target)

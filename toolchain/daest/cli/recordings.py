@@ -9,7 +9,7 @@ from typing import Any
 
 from daest.cli.options import DataOptions
 from daest.cli.output import note, warn
-from daest.data.check import check_experiment
+from daest.data.check import ANGLES, check_experiment
 from daest.data.contradictions import model_findings
 from daest.data.match import clock_findings
 from daest.data.prepare import Preparation, prepare, split_all
@@ -116,8 +116,10 @@ def _read(
     read = read_experiments(paths, *signals(flat, project), raw, others=others, **words)
     measured = measured_names(read)  # what no recording holds is told once, for all of them
     _tell_clock(words["clock"], project, paths)
+    angles = {output.name: output.unit for output in flat.outputs if output.unit in ANGLES}
     for experiment in read:
-        for finding in check_experiment(select_outputs(experiment, measured), words["clock"]).warnings:
+        used = select_outputs(experiment, measured)
+        for finding in check_experiment(used, words["clock"], angles).warnings:
             warn(finding.code, f"{experiment.name}: {finding.sentence}")
         prepared = prepare(experiment, preparation)
         for remark in prepared.notes:

@@ -80,20 +80,24 @@ def mostly_copied(experiment: Experiment) -> list[Finding]:
     ]
 
 
-def check_experiment(experiment: Experiment, clock: str = "s") -> DataCheck:
-    """The inputs and outputs of a recording, whose time is in `clock`.
+def check_experiment(
+    experiment: Experiment, clock: str = "s", units: Mapping[str, str] | None = None
+) -> DataCheck:
+    """The inputs and outputs of a recording, whose time is in `clock`; `units` those of its outputs, which
+    tell angles.
 
     >>> daest.check_experiment(record).n_samples
     8000
     """
-    return _checked(experiment.name, experiment.time, _columns_of(experiment), [], clock)
+    return _checked(experiment.name, experiment.time, _columns_of(experiment, units), [], clock)
 
 
-def _columns_of(experiment: Experiment) -> list[_Column]:
+def _columns_of(experiment: Experiment, units: Mapping[str, str] | None = None) -> list[_Column]:
+    units = units or {}
     inputs = zip(experiment.input_names, experiment.inputs.T, strict=True)
     outputs = zip(experiment.output_names, experiment.outputs.T, strict=True)
     columns = [_Column(name, None, "input", values) for name, values in inputs]
-    return columns + [_Column(name, None, "output", values) for name, values in outputs]
+    return columns + [_Column(name, units.get(name), "output", values) for name, values in outputs]
 
 
 def _checked(
@@ -111,7 +115,7 @@ def _checked(
                 others = [c.values[known] for c in columns if c is not column]
                 of_column += displaced(samples, others) or excursions(samples, others)
                 of_column += interpolated(samples, others)
-            findings += [*of_column, *_turned(column)]
+            findings += [*of_column, *_turned(column), *_wrapped(column)]
         else:
             findings.append(Finding("check-missing", "warning", column.name, "holds no value"))
     findings += [
@@ -148,6 +152,28 @@ def _turned(column: _Column) -> list[Finding]:
         "measure the speed, or estimate from one-step predictions (--method pem)"
     )
     return [Finding("check-turns", "note", column.name, text)]
+
+
+def _wrapped(column: _Column) -> list[Finding]:
+    """A warning of an angle that begins again after a turn: between the jumps, which are longer than three
+    quarters of a turn, it goes in steps of less than a quarter, and across them no further than there. A
+    command that switches between two angles stands still in between."""
+    if column.unit not in ANGLES or column.role == "input":
+        return []
+    turn = ANGLES[column.unit]
+    known = column.values[np.isfinite(column.values) & ~absurd(column.values)]
+    steps = np.abs(np.diff(known)) / turn
+    jumps = steps > 1.0 - DATA.wrapped_step
+    between = steps[~jumps]
+    if not np.any(jumps) or not between.size or np.ptp(known) > turn or between.max() > DATA.wrapped_step:
+        return []
+    if np.median(1.0 - steps[jumps]) > between.max():
+        return []
+    text = (
+        f"jumps by a turn {np.count_nonzero(jumps)} time(s), from {known.max():.4g} to {known.min():.4g} or "
+        "back: the angle of a model counts on; unwrap it (numpy.unwrap, unwrap of MATLAB)"
+    )
+    return [Finding("check-wrapped", "warning", column.name, text)]
 
 
 def _driven(columns: Sequence[_Column]) -> np.ndarray | None:
