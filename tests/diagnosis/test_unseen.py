@@ -383,6 +383,12 @@ def test_constant_load_of_every_recording_is_no_law():
     assert "1.2 times worse" in judged([ahead(1.2, -4.0)], fit_with(1.0), whole, False, steady=steady)[0]
 
 
+def test_a_constant_load_excuses_no_law_of_which_no_prediction_is_known():
+    """A board that cools, of which 40 readings are unseen: radiation simulates them three times worse."""
+    assert "2.97 times worse" in judged([], fit_with(1.0), fit_with(2.97), False, steady=0.4)[0]
+    assert judged([ahead(0.9, 1.5)], fit_with(1.0), fit_with(2.97), False, steady=0.4)[0] == ""
+
+
 @pytest.mark.parametrize(
     "confirmed, is_refused",
     [

@@ -306,7 +306,7 @@ def judged(
     it what the machine did and does so no longer; `told` is what their likelihood says, and `steady` the
     ratio of the errors of simulations in which every recording has a constant load of its own
     (`steady_misfit`), where it is smaller than that without, the law does not cost the simulation of its own
-    recordings as much, and the likelihood of unseen data does not deny it. Errors of the outputs `holding` do
+    recordings as much, and predictions of unseen data are known and their likelihood does not deny it. Errors of the outputs `holding` do
     not add up where others do: no effect may simulate one of them clearly worse, where the simulation stays
     near enough to what was measured for its initial states to be those of the machine. `clock` is what the
     model counts time in, `drift` the `foretold_drift` of the model with the law: a simulation that strays no
@@ -314,7 +314,8 @@ def judged(
     ratios = error_ratios(before.simulated, after.simulated)
     whole = _together(ratios)
     told = told or Confirmed()
-    is_excused = not _is_denied(told) and not _costs_its_own(before, after)
+    is_followed = bool(ahead) or np.isfinite(told.expected)
+    is_excused = is_followed and not _is_denied(told) and not _costs_its_own(before, after)
     whole = min(whole, steady) if steady is not None and is_excused else whole
     if not ahead and not ratios:
         return "", True, False
