@@ -306,11 +306,12 @@ def judged(
     it what the machine did and does so no longer; `told` is what their likelihood says, and `steady` the
     ratio of the errors of simulations in which every recording has a constant load of its own
     (`steady_misfit`), where it is smaller than that without, the law does not cost the simulation of its own
-    recordings as much, and predictions of unseen data are known and their likelihood does not deny it. Errors of the outputs `holding` do
-    not add up where others do: no effect may simulate one of them clearly worse, where the simulation stays
-    near enough to what was measured for its initial states to be those of the machine. `clock` is what the
-    model counts time in, `drift` the `foretold_drift` of the model with the law: a simulation that strays no
-    further does not contradict it, as near as one without the law may have come by chance."""
+    recordings as much, and predictions of unseen data are known and their likelihood does not deny it.
+    Errors of the outputs `holding` do not add up where others do: no effect may simulate one of them
+    clearly worse, where the simulation stays near enough to what was measured for its initial states to
+    be those of the machine. `clock` is what the model counts time in, `drift` the `foretold_drift` of the
+    model with the law: a simulation that strays no further does not contradict it, as near as one without
+    the law may have come by chance."""
     ratios = error_ratios(before.simulated, after.simulated)
     whole = _together(ratios)
     told = told or Confirmed()
