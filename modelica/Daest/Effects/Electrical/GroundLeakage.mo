@@ -10,7 +10,7 @@ equation
   i = pin.i;
   i = G*v;
   annotation(
-    __Daest(effect = true, attach = "connector", law = "i = G*v"),
+    __Daest(effect = true, attach = "connector", of_equation = true, law = "i = G*v"),
     Documentation(info = "What Leakage is beside a component, at the node of a capacity of bare equations such
-as C*der(v) = i, or where no component leads to ground: a capacitor that discharges itself, a load, a voltmeter."));
+as C*der(v) = i: a capacitor that discharges itself, a load, a voltmeter."));
 end GroundLeakage;

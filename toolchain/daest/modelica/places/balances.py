@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
+from daest.model.parts import Variable
 from daest.modelica.flat.connectors import FLOWS, LEVEL, connectors_of, outside_of_term
 from daest.numerics.matching import maximum_matching
 from daest.quantities import Conversion, conversion, converts, dimensions, is_of, parse_unit
@@ -33,6 +34,7 @@ _AREA = {"[length]": 2.0}
 _MECHANICAL: tuple[Domain, ...] = ("translational", "rotational")
 # What has a place of its own in a domain, or follows from one: positions, rates, flows, and what drives them.
 _NO_AMOUNTS = ("m", "m/s2", "N", "N.m", "W", "m3/s", "kg/s", "A", "Wb", "1/s")
+_DIFFERENCE = 200.0  # K: beyond what any sensor is off, so that a temperature is one above a reference
 _SEED = 20040101
 
 
@@ -123,6 +125,58 @@ def in_connectors(unit: str) -> Conversion:
     there, all else is in the unit of DOMAINS, lengths are in meters. A unit that tells no domain stays."""
     base = LEVEL if is_length(unit) else base_unit(unit)
     return conversion(unit, "K" if DOMAINS.get(base) == "thermal" else base) if base else Conversion()
+
+
+def temperatures(flat: FlatModel) -> dict[int, Conversion]:
+    """Unknown -> absolute temperature, of those that are differences from a reference: an output, or a
+    variable of the model, is `T = e + 293.15`, where `e` in K is no absolute temperature."""
+    outputs = zip(flat.outputs, ca.vertsplit(flat.output_expressions), strict=True)
+    sums = [(output.unit, law) for output, law in outputs if _is_to_scale(output.unit)]
+    for variable, symbol, row in _in_pairs(flat):
+        if _is_to_scale(variable.unit) and ca.jacobian(row, symbol).is_constant():
+            sums.append((variable.unit, symbol - row / ca.jacobian(row, symbol)))
+    found: dict[int, Conversion] = {}
+    for unit, law in sums:
+        for i, one in enumerate(flat.unknowns):
+            if not _is_to_scale(one.unit) or not ca.depends_on(law, flat.xi[i]):
+                continue
+            reference = _reference(law, flat.xi[i])
+            offset = None if reference is None else reference + in_connectors(unit).offset
+            if offset is not None and abs(offset - in_connectors(one.unit).offset) > _DIFFERENCE:
+                found[i] = Conversion(offset=offset)
+    return found
+
+
+def _is_to_scale(unit: str) -> bool:
+    return domain_of(unit) == "thermal" and in_connectors(unit).scale == 1.0
+
+
+def _in_pairs(flat: FlatModel) -> list[tuple[Variable, ca.SX, ca.SX]]:
+    """Of every equation of two unknowns and no rate, each of the two, its symbol and the residual."""
+    rows, columns = ca.jacobian_sparsity(flat.residual, ca.vertcat(flat.xi, flat.derivatives)).get_triplet()
+    used: dict[int, list[int]] = {}
+    for row, column in zip(rows, columns, strict=True):
+        used.setdefault(row, []).append(column)
+    pairs = {row: ones for row, ones in used.items() if len(ones) == 2 and max(ones) < flat.n}
+    return [
+        (flat.unknowns[i], flat.xi[i], flat.residual[row]) for row, ones in sorted(pairs.items()) for i in ones
+    ]
+
+
+def _reference(law: ca.SX, symbol: ca.SX) -> float | None:
+    """The number c of an expression `symbol + c`; None for another one."""
+    slope, rest = ca.simplify(ca.jacobian(law, symbol)), ca.simplify(ca.substitute(law, symbol, 0.0))
+    if not slope.is_constant() or not rest.is_constant():
+        return None
+    return float(rest) if float(slope) == 1.0 else None
+
+
+def potential_change(flat: FlatModel, variable: int) -> Conversion:
+    """From an unknown that is balanced to the potential of a connector, as `in_connectors`, of a temperature
+    above a reference with that."""
+    unit = flat.unknowns[variable].unit
+    change = in_connectors(unit)
+    return temperatures(flat).get(variable, change) if _is_to_scale(unit) else change
 
 
 def converted_text(name: str, change: Conversion) -> str:
