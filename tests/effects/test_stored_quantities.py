@@ -1,4 +1,4 @@
-"""Balances of what is stored: charge, momentum, volume, mass and heat, whose potential a law of its own gives."""
+"""Balances of what is stored, as charge, momentum, volume, mass and heat, whose potential a law gives."""
 
 from __future__ import annotations
 

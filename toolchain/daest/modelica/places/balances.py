@@ -159,7 +159,9 @@ def _in_pairs(flat: FlatModel) -> list[tuple[Variable, ca.SX, ca.SX]]:
         used.setdefault(row, []).append(column)
     pairs = {row: ones for row, ones in used.items() if len(ones) == 2 and max(ones) < flat.n}
     return [
-        (flat.unknowns[i], flat.xi[i], flat.residual[row]) for row, ones in sorted(pairs.items()) for i in ones
+        (flat.unknowns[i], flat.xi[i], flat.residual[row])
+        for row, ones in sorted(pairs.items())
+        for i in ones
     ]
 
 

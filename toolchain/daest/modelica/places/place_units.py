@@ -242,9 +242,9 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
 
 
 def _into_store(flat: FlatModel, balance: Balance, unit: str) -> ca.SX | None:
-    """As `flow_factor`, in the equation of what is stored, `der(V) = q`: where the unit of that makes its rate
-    a flow in `unit` but for a scale, as kJ does beside W, what stands before the rate; else as a known flow
-    that stands there is multiplied."""
+    """As `flow_factor`, in the equation of what is stored, `der(V) = q`: where the unit of that makes its
+    rate a flow in `unit` but for a scale, as kJ does beside W, what stands before the rate; else as a known
+    flow that stands there is multiplied."""
     stored = flat.unknowns[balance.store].unit
     before = ca.simplify(balance.sign * _slope(flat, balance.row, balance.rate))
     own, wanted = dimensions(f"({stored})/s") if stored else None, dimensions(unit)
