@@ -8,6 +8,7 @@ from daest.diagnosis.recordings.faulty import (
     faults_counted,
     faults_in_errors,
     faults_told,
+    pauses_told,
 )
 from daest.model.experiment import Experiment
 
@@ -65,3 +66,14 @@ def test_a_fault_of_unseen_data_is_no_load_in_those_of_the_fit():
 
 def test_a_command_that_keeps_its_value_is_no_fault():
     assert faults_told([recording(slice(500, 560), 0)]) == ""
+
+
+def test_a_pause_in_which_inputs_may_have_moved_is_told():
+    whole = recording()
+    left = np.r_[0:600, 660:2000]
+    paused = Experiment("run", TIME[left], whole.inputs[left], whole.outputs[left], ("u",), ("y",))
+    told = pauses_told([paused, paused])
+    assert told.startswith(" It may be what the inputs did unseen: the clock jumps by 0.61 s")
+    assert told.count("jumps") == 1 and pauses_told([whole]) == ""
+    still = Experiment("run", TIME[left], 0.0 * whole.inputs[left], whole.outputs[left], ("u",), ("y",))
+    assert pauses_told([still]) == ""

@@ -46,6 +46,7 @@ EXPECTED = {
             "BrushVoltageDrop",
             "TemperatureDependentResistance",
             "Leakage",
+            "GroundLeakage",
             "GrowingCapacity",
         ]
     ),

@@ -83,6 +83,7 @@ OTHERS: dict[str, tuple[str, Law]] = {
     "Inductance": ("v", lambda v: v["L"] * v["der_i"]),
     "SaturatingInductance": ("psi", lambda v: v["L"] * v["i_sat"] * np.tanh(v["i"] / v["i_sat"])),
     "Leakage": ("i", lambda v: v["G"] * v["v"]),
+    "GroundLeakage": ("i", lambda v: v["G"] * v["v"]),
     "GrowingCapacity": ("i", lambda v: v["k"] * v["v"] * v["der_v"]),
     "WideningTank": ("q", lambda v: -v["k"] * v["p"] * v["der_p"]),
     "Radiation": ("Q_flow", lambda v: v["Gr"] * SIGMA * (v["port_a.T"] ** 4 - v["port_b.T"] ** 4)),

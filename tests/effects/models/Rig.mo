@@ -38,6 +38,7 @@ model Rig "A place for every effect: shaft, carriage, circuit, room, tank, salt 
   Daest.Hydraulic.Sources.PrescribedFlow pump "Pump";
   Daest.Blocks.Sources.Constant supply(k = 1e-4) "Flow of the pump";
   Real salt(unit = "g/l", start = 1) "What the tank holds of salt";
+  Real cell(unit = "V", start = 1) "Voltage of a cell that discharges";
 equation
   connect(torque, drive.tau);
   connect(drive.flange, rotor.flange_a);
@@ -62,4 +63,5 @@ equation
   connect(outlet.port_b, drain.port);
   pressure = tank.outlet.p;
   2*der(salt) = 0.3 - salt;
+  4*der(cell) = 0.2 - cell;
 end Rig;

@@ -31,7 +31,14 @@ from daest.diagnosis.evidence.unseen import innovations
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, grown, open_hold, with_other_hold
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
-from daest.diagnosis.recordings.faulty import EMPTY, EXPLAINED, faults_counted, faults_told
+from daest.diagnosis.recordings.faulty import (
+    EMPTY,
+    EXPLAINED,
+    PAUSED,
+    faults_counted,
+    faults_told,
+    pauses_told,
+)
 from daest.diagnosis.recordings.jittered import TRUE_TIMES, Jitter, jitter
 from daest.diagnosis.recordings.recorded_late import (
     EarlierInputs,
@@ -185,11 +192,13 @@ def _examined(
         message += nearest_in_pieces(decided.proofs, evidence.clock)
         message += two_alike(found) if decided.name == "external disturbance" else ""
     faults = "" if decided.name in EXPLAINED else faults_told(null.experiments)
+    pauses = "" if decided.name in EXPLAINED else pauses_told(null.experiments)
     counted = "" if faults else faults_counted(decided.name, null.experiments, stand.validation)
-    following = EMPTY if faults else TRUE_TIMES if off else _next_experiment(stand, decided, options)
+    told = EMPTY if faults else PAUSED if pauses else TRUE_TIMES if off else ""
+    following = told or _next_experiment(stand, decided, options)
     return replace(
         _plain(stand, decided, evidence, loads, is_whole),
-        message=message + faults + counted + ("" if is_whole else TIME_UP),
+        message=message + faults + pauses + counted + ("" if is_whole else TIME_UP),
         disturbance=form,
         next_experiment=following,
         learned=learned if decided.name == "unknown effect" else None,

@@ -104,7 +104,8 @@ class Effect:
     goes one way. `is_of_store`: it changes a store that the model has, and is nothing where there is none.
     `most_turns`: of a body that it may hold; no spring is wound by one that turns on and on. None where it
     acts at any angle. `is_of_driving`: its further signal is an input that drives the model, and no recorded
-    signal that does nothing there. `is_of_gas`: it is tried where what flows may be a gas.
+    signal that does nothing there. `is_of_gas`: it is tried where what flows may be a gas. `is_of_equation`:
+    it is tried at bare equations alone, since between components another effect says the same.
     """
 
     name: str
@@ -128,6 +129,7 @@ class Effect:
     most_turns: float | None = None
     is_of_driving: bool = False
     is_of_gas: bool = False
+    is_of_equation: bool = False
     documentation: str = ""
     libraries: tuple[str, ...] = ()  # folders besides the bundled library that the class was read from
 

@@ -5,13 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from daest.data.check import check_experiment
 from daest.lists import first_few
-from daest.model.experiment import Experiment
+from daest.model.experiment import Experiment, Finding
 
 FAULTS = ("check-stuck", "check-dropouts", "check-outliers", "check-interpolated", "check-copied")
 EXPLAINED = ("nothing missing", "parameters off", "supported")  # verdicts that say what the data show
 EMPTY = "Leave the cells of these samples empty, as missing, and diagnose again."
+PAUSE = "check-clock-jump"
+PAUSED = "Make two recordings of it, cut where the clock pauses, and diagnose again."
 MOST_TOLD = 3
 
 
@@ -20,6 +24,14 @@ def faults_told(experiments: Sequence[Experiment]) -> str:
     are none."""
     texts = _faults(experiments)
     return f" It may be faults of the recording: {texts}." if texts else ""
+
+
+def pauses_told(experiments: Sequence[Experiment]) -> str:
+    """A sentence on the pauses of recordings whose inputs move, in which these may have done anything; empty
+    where there are none."""
+    driven = [e for e in experiments if e.inputs.size and np.any(np.ptp(e.inputs, axis=0) > 0.0)]
+    texts = _listed([f for e in driven for f in check_experiment(e).findings if f.code == PAUSE])
+    return f" It may be what the inputs did unseen: {texts}." if texts else ""
 
 
 def faults_counted(verdict: str, fitted: Sequence[Experiment], unseen: Sequence[Experiment]) -> str:
@@ -50,5 +62,9 @@ def _faults(experiments: Sequence[Experiment]) -> str:
     """The faults of outputs in the recordings, listed; empty where there are none."""
     names = {name for e in experiments for name in e.output_names}
     found = [f for e in experiments for f in check_experiment(e).findings if f.code in FAULTS]
-    texts = list(dict.fromkeys(f.sentence for f in found if f.column in names))
+    return _listed([f for f in found if f.column in names])
+
+
+def _listed(findings: Sequence[Finding]) -> str:
+    texts = list(dict.fromkeys(one.sentence for one in findings))
     return first_few(texts, MOST_TOLD, separator="; ")

@@ -25,7 +25,14 @@ from daest.modelica.flat.connectors import NAMES, connectors_of, flow_scale
 from daest.modelica.flat.factors import Entry
 from daest.modelica.language.text import times_text
 from daest.modelica.language.values import column
-from daest.modelica.places.balances import Balance, balances, converted_text, in_connectors, needs_position
+from daest.modelica.places.balances import (
+    Balance,
+    balances,
+    converted_text,
+    in_connectors,
+    needs_position,
+    temperatures,
+)
 from daest.modelica.places.internal_forces import InternalForce, internal_forces
 from daest.modelica.places.meshes import Mesh, meshes
 from daest.modelica.places.place_units import balance_entry, units_at
@@ -205,6 +212,10 @@ class _Assembly:
     @cached_property
     def _balances(self) -> dict[str, Balance]:
         return {balance.name(self.flat): balance for balance in balances(self.flat)}
+
+    @cached_property
+    def _temperatures(self) -> dict[int, Conversion]:
+        return temperatures(self.flat)
 
     @cached_property
     def _forces(self) -> dict[str, InternalForce]:
@@ -475,7 +486,8 @@ class _Assembly:
         potential, symbol = member.local(own, 0)
         variable = self.flat.unknowns[balance.variable]
         if not needs_position(member.effect.domain):
-            self._tie(potential, symbol, *_potential_of(variable, self.xi[balance.variable]))
+            change = self._temperatures.get(balance.variable, in_connectors(variable.unit))
+            self._tie(potential, symbol, *_converted(variable.name, self.xi[balance.variable], change))
         elif balance.position >= 0:
             # In the unit that makes the speed its rate.
             change = in_connectors(variable.unit)

@@ -62,6 +62,7 @@ _KEYS = (
     "turns",
     "driving",
     "of_gas",
+    "of_equation",
 )
 _DOCUMENTATION = re.compile(r'Documentation\s*\(\s*info\s*=\s*"((?:[^"\\]|\\.)*)"', re.DOTALL)
 _TAG = re.compile(r"<[^>]*>")
@@ -572,6 +573,7 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
         most_turns=source.entry("turns"),
         is_of_driving=source.annotation.flag("driving", False),
         is_of_gas=source.annotation.flag("of_gas", False),
+        is_of_equation=source.annotation.flag("of_equation", False),
         documentation=source.documentation,
         libraries=libraries,
     )

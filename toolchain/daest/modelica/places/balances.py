@@ -4,7 +4,7 @@ term."""
 from __future__ import annotations
 
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import casadi as ca
@@ -13,7 +13,8 @@ import scipy.sparse as sp
 
 from daest.model.effects import Domain
 from daest.model.flat import FlatModel
-from daest.modelica.flat.connectors import LEVEL, connectors_of, outside_of_term
+from daest.model.parts import Variable
+from daest.modelica.flat.connectors import FLOWS, LEVEL, connectors_of, outside_of_term
 from daest.numerics.matching import maximum_matching
 from daest.quantities import Conversion, conversion, converts, dimensions, is_of, parse_unit
 
@@ -33,6 +34,7 @@ _AREA = {"[length]": 2.0}
 _MECHANICAL: tuple[Domain, ...] = ("translational", "rotational")
 # What has a place of its own in a domain, or follows from one: positions, rates, flows, and what drives them.
 _NO_AMOUNTS = ("m", "m/s2", "N", "N.m", "W", "m3/s", "kg/s", "A", "Wb", "1/s")
+_DIFFERENCE = 200.0  # K: beyond what any sensor is off, so that a temperature is one above a reference
 _SEED = 20040101
 
 
@@ -40,13 +42,18 @@ _SEED = 20040101
 class Balance:
     """Row `row` balances what drives the rate of unknown `variable`; `sign` is +1 where the rate stands on
     the left with a positive factor. `position` is the unknown whose derivative the variable is, -1 if there
-    is none; `rate` is where the rate stands among the unknowns and, behind them, their derivatives."""
+    is none; `rate` is where the rate stands among the unknowns and, behind them, their derivatives.
+
+    Where the rate is that of what is stored, as in `der(Q) = i` with `Q = C*v`, the variable is the potential
+    that row `law` gives, and `store` the unknown that is stored; both are -1 else."""
 
     row: int
     variable: int
     sign: float
     position: int
     rate: int
+    store: int = -1
+    law: int = -1
 
     def name(self, flat: FlatModel) -> str:
         return f"{self.row}:{flat.unknowns[self.variable].name}"
@@ -82,7 +89,8 @@ class Balance:
             return False
         units = [x.unit for part in (flat.unknowns, flat.inputs, flat.parameters) for x in part]
         symbols = ca.vertcat(flat.xi, flat.u, flat.theta)
-        used = ca.which_depends(flat.residual[self.row], symbols, 1, False)
+        rows = flat.residual[[row for row in (self.row, self.law) if row >= 0]]
+        used = ca.which_depends(rows, symbols, 1, False)
         known = [dimensions(unit) for unit, is_used in zip(units, used, strict=True) if is_used]
         return _VOLUME_FLOW in known or _AREA in known
 
@@ -119,6 +127,60 @@ def in_connectors(unit: str) -> Conversion:
     return conversion(unit, "K" if DOMAINS.get(base) == "thermal" else base) if base else Conversion()
 
 
+def temperatures(flat: FlatModel) -> dict[int, Conversion]:
+    """Unknown -> absolute temperature, of those that are differences from a reference: an output, or a
+    variable of the model, is `T = e + 293.15`, where `e` in K is no absolute temperature."""
+    outputs = zip(flat.outputs, ca.vertsplit(flat.output_expressions), strict=True)
+    sums = [(output.unit, law) for output, law in outputs if _is_to_scale(output.unit)]
+    for variable, symbol, row in _in_pairs(flat):
+        if _is_to_scale(variable.unit) and ca.jacobian(row, symbol).is_constant():
+            sums.append((variable.unit, symbol - row / ca.jacobian(row, symbol)))
+    found: dict[int, Conversion] = {}
+    for unit, law in sums:
+        for i, one in enumerate(flat.unknowns):
+            if not _is_to_scale(one.unit) or not ca.depends_on(law, flat.xi[i]):
+                continue
+            reference = _reference(law, flat.xi[i])
+            offset = None if reference is None else reference + in_connectors(unit).offset
+            if offset is not None and abs(offset - in_connectors(one.unit).offset) > _DIFFERENCE:
+                found[i] = Conversion(offset=offset)
+    return found
+
+
+def _is_to_scale(unit: str) -> bool:
+    return domain_of(unit) == "thermal" and in_connectors(unit).scale == 1.0
+
+
+def _in_pairs(flat: FlatModel) -> list[tuple[Variable, ca.SX, ca.SX]]:
+    """Of every equation of two unknowns and no rate, each of the two, its symbol and the residual."""
+    rows, columns = ca.jacobian_sparsity(flat.residual, ca.vertcat(flat.xi, flat.derivatives)).get_triplet()
+    used: dict[int, list[int]] = {}
+    for row, column in zip(rows, columns, strict=True):
+        used.setdefault(row, []).append(column)
+    pairs = {row: ones for row, ones in used.items() if len(ones) == 2 and max(ones) < flat.n}
+    return [
+        (flat.unknowns[i], flat.xi[i], flat.residual[row])
+        for row, ones in sorted(pairs.items())
+        for i in ones
+    ]
+
+
+def _reference(law: ca.SX, symbol: ca.SX) -> float | None:
+    """The number c of an expression `symbol + c`; None for another one."""
+    slope, rest = ca.simplify(ca.jacobian(law, symbol)), ca.simplify(ca.substitute(law, symbol, 0.0))
+    if not slope.is_constant() or not rest.is_constant():
+        return None
+    return float(rest) if float(slope) == 1.0 else None
+
+
+def potential_change(flat: FlatModel, variable: int) -> Conversion:
+    """From an unknown that is balanced to the potential of a connector, as `in_connectors`, of a temperature
+    above a reference with that."""
+    unit = flat.unknowns[variable].unit
+    change = in_connectors(unit)
+    return temperatures(flat).get(variable, change) if _is_to_scale(unit) else change
+
+
 def converted_text(name: str, change: Conversion) -> str:
     """A variable in another unit, as text of an expression.
 
@@ -152,10 +214,12 @@ def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
     # `der(e) = v - road` is no position of what moves with v.
     by_inputs = ca.which_depends(flat.residual, flat.u, 1, True) if flat.u.numel() else []
     unmoved = [row for row in rows if not (by_inputs and by_inputs[row])]
-    rates, definitions = _rates(slopes, unmoved, _own_unknowns(flat))
+    stores = {} if everywhere else _stores(flat, slopes, unmoved)
+    rates, definitions = _rates(slopes, unmoved, _own_unknowns(flat), stores)
     positions = {rate: variable for variable, rate in rates.items()}
     assigned = set() if flat.events is None else {one.unknown for one in flat.events.assignments}
     moving = set(np.flatnonzero(np.any(slopes[:, slopes.shape[1] // 2 :], axis=0)).tolist())
+    moving |= {potential for _, potential in stores.values()}
     found: list[Balance] = []
     for row in rows:
         if row in definitions:
@@ -166,6 +230,7 @@ def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
                 found.append(Balance(row, variable, sign, positions.get(variable, -1), rate))
     if not everywhere:
         found = [one for one in found if _is_within(flat, one, joined)]
+        found = _by_potentials(found, stores, positions)
     readings = _readings(slopes)
     moved = {one.variable for one in found if one.row not in readings}
     return _of_own_rows([one for one in found if one.row not in readings or one.variable not in moved])
@@ -203,6 +268,65 @@ def _is_within(flat: FlatModel, balance: Balance, joined: Mapping[str, set[Domai
     connected = joined.get(flat.equations[balance.row].origin or "")
     domain = balance.domain(flat)
     return connected is None or (domain is not None and domain not in connected)
+
+
+def _stores(flat: FlatModel, slopes: np.ndarray, rows: Sequence[int]) -> dict[int, tuple[int, int]]:
+    """Unknown that is stored, as charge, momentum, volume or heat are -> the row of the law that holds it and
+    its potential alone, as `Q = C*v` does, and that potential, whose own rate stands in no row. `slopes`
+    (n, 2n) are of all equations, `rows` those that have no input."""
+    n = slopes.shape[1] // 2
+    found: dict[int, tuple[int, int]] = {}
+    moving = np.flatnonzero(np.any(slopes[:, n:], axis=0)).tolist()
+    for stored in moving:
+        laws = [
+            (row, other)
+            for row in rows
+            if slopes[row, stored] and (other := _other_unknown(slopes[row], stored)) not in (-1, *moving)
+        ]
+        if len(laws) == 1 and _is_stored(flat, slopes, stored, *laws[0]):
+            found[stored] = laws[0]
+    return found
+
+
+def _other_unknown(slopes: np.ndarray, one: int) -> int:
+    """The only unknown beside `one` in a row without rates, (2n,); -1 where there is none, or several."""
+    others = [i for i in np.flatnonzero(slopes).tolist() if i != one]
+    return others[0] if len(others) == 1 and others[0] < slopes.size // 2 else -1
+
+
+def _is_stored(flat: FlatModel, slopes: np.ndarray, stored: int, law: int, other: int) -> bool:
+    """Whether the rate of the unknown `stored` is a flow of the domain of the `other`, as its own unit tells,
+    or a flow beside it; not of what belongs to a domain itself. A voltage that gives the position of a lever
+    is nothing by which that is stored."""
+    n = slopes.shape[1] // 2
+    rows = np.flatnonzero(slopes[:, n + stored]).tolist()
+    if len(rows) != 1 or Balance(rows[0], stored, 1.0, -1, n + stored).domain(flat) is not None:
+        return False
+    domain = Balance(rows[0], other, 1.0, -1, n + stored, stored, law).domain(flat)
+    if domain is None:
+        return False
+    unit = flat.unknowns[stored].unit
+    if unit and is_of(f"({unit})/s", FLOWS[domain]):
+        return True
+    units = [x.unit for part in (flat.unknowns, flat.inputs) for x in part]
+    used = ca.which_depends(flat.residual[rows[0]], ca.vertcat(flat.xi, flat.u), 1, False)
+    return any(is_of(one, FLOWS[domain]) for one, is_used in zip(units, used, strict=True) if is_used)
+
+
+def _by_potentials(
+    found: Sequence[Balance], stores: Mapping[int, tuple[int, int]], positions: Mapping[int, int]
+) -> list[Balance]:
+    """The balances, those of what is stored as balances of its potential; the law that gives it is none."""
+    laws = {law for law, _ in stores.values()}
+    told = []
+    for one in found:
+        if one.variable in stores:
+            law, other = stores[one.variable]
+            position = positions.get(other, -1)
+            one = replace(one, variable=other, position=position, store=one.variable, law=law)
+        if one.row not in laws:
+            told.append(one)
+    return told
 
 
 def _of_own_rows(found: Sequence[Balance]) -> list[Balance]:
@@ -267,9 +391,12 @@ def _own_unknowns(flat: FlatModel) -> np.ndarray:
     return np.array([x.name not in attached for x in flat.unknowns])
 
 
-def _rates(slopes: np.ndarray, rows: list[int], is_own: np.ndarray) -> tuple[dict[int, int], set[int]]:
+def _rates(
+    slopes: np.ndarray, rows: list[int], is_own: np.ndarray, stores: Container[int]
+) -> tuple[dict[int, int], set[int]]:
     """Variable -> the unknown that is its derivative, by rows such as `v = der(s)`; and these rows. `is_own`
-    (n,) says which unknowns may be a derivative."""
+    (n,) says which unknowns may be a derivative; what is in `stores` is none of a position: `der(Q) = i`
+    balances currents."""
     n = len(is_own)
     rates: dict[int, int] = {}
     definitions: set[int] = set()
@@ -277,7 +404,7 @@ def _rates(slopes: np.ndarray, rows: list[int], is_own: np.ndarray) -> tuple[dic
         used = np.flatnonzero(slopes[row])
         if len(used) != 2 or not used[0] < n <= used[1] or used[0] == used[1] - n or not is_own[used[0]]:
             continue
-        if sorted(slopes[row, used]) == [-1, 1]:
+        if sorted(slopes[row, used]) == [-1, 1] and int(used[1]) - n not in stores:
             rates[int(used[1]) - n] = int(used[0])
             definitions.add(row)
     return rates, definitions

@@ -219,6 +219,8 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
     if domain is None:
         return None
     unit = FLOWS[domain]
+    if balance.store >= 0:
+        return _into_store(flat, balance, unit)
     wanted, rate = dimensions(unit), dimensions(variable.unit)
     if wanted is None or rate is None:
         return None
@@ -228,12 +230,40 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
     need["[time]"] = need.get("[time]", 0.0) + 1.0
     if _slope_has(flat, balance.row, balance.rate, need):
         return ONE / _scale_of_terms(flat, balance, unit)
+    over = _beside_storage(flat, balance, need)
+    if over is not None:
+        return over
     for found in parts_divided_by(flat, balance.row):
         storages = [one for one in found if _slope_has(flat, balance.row, balance.rate, need, one)]
         if storages:
             is_one = all(are_same(flat, one, storages[0]) for one in storages)
             return 1.0 / storages[0] if is_one else None
     return _slope_of_flow(flat, balance, unit)
+
+
+def _into_store(flat: FlatModel, balance: Balance, unit: str) -> ca.SX | None:
+    """As `flow_factor`, in the equation of what is stored, `der(V) = q`: where the unit of that makes its
+    rate a flow in `unit` but for a scale, as kJ does beside W, what stands before the rate; else as a known
+    flow that stands there is multiplied."""
+    stored = flat.unknowns[balance.store].unit
+    before = ca.simplify(balance.sign * _slope(flat, balance.row, balance.rate))
+    own, wanted = dimensions(f"({stored})/s") if stored else None, dimensions(unit)
+    if own is not None and own == wanted and is_of_parameters(flat, before) and _changes_as(flat, before, {}):
+        scale = in_base_units(unit) * in_base_units(clock_unit(flat)) / in_base_units(stored)
+        return ca.simplify(before * scale)
+    return _slope_of_flow(flat, balance, unit)
+
+
+def _beside_storage(flat: FlatModel, balance: Balance, need: Mapping[str, float]) -> ca.SX | None:
+    """What a storage is multiplied by in the factor of the rate: R in `R*C*der(v) = u - v`, where all terms
+    are voltages and a current stands times R. None where no factor, or several, have the dimensions that a
+    storage `need`s."""
+    rate = ca.simplify(balance.sign * _slope(flat, balance.row, balance.rate))
+    parts = list(factors(rate))
+    storages = [k for k, one in enumerate(parts) if not one.is_constant() and _changes_as(flat, one, need)]
+    if len(storages) != 1 or not is_of_parameters(flat, rate):
+        return None
+    return ca.simplify(rate / parts[storages[0]])
 
 
 def _scale_of_terms(flat: FlatModel, balance: Balance, unit: str) -> float:

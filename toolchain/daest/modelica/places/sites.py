@@ -281,7 +281,7 @@ def fits(effect: Effect, site: Site) -> bool:
     if effect.domain != site.domain or (effect.is_of_gas and not site.carries_gas):
         return False
     if site.kind in ("node", "equation"):
-        return effect.attach == "connector"
+        return effect.attach == "connector" and (site.kind == "equation" or not effect.is_of_equation)
     if site.kind in ("connector", "mesh", "terminal"):
         return effect.attach == "series"
     if effect.attach == "connector":  # beside a spring to what does not move it would be one at the body

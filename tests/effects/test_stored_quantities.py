@@ -1,0 +1,162 @@
+"""Balances of what is stored, as charge, momentum, volume, mass and heat, whose potential a law gives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import casadi as ca
+import pytest
+
+from daest import compile_model
+from daest.model.flat import FlatModel
+from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.places.balances import balances, temperatures
+from daest.modelica.places.place_units import flow_factor
+from daest.modelica.places.sites import find_site, sites
+
+CIRCUIT = """\
+model Circuit
+  parameter Real R(unit = "Ohm") = 1000;
+  parameter Real C(unit = "F") = 1e-4;
+  input Real u(unit = "V");
+  output Real y(unit = "V");
+  Real v(unit = "V"); {declared}
+equation
+  {equations}
+  y = v;
+end Circuit;
+"""
+BODY = """\
+model Body
+  parameter Real m(unit = "kg") = 2;
+  parameter Real d(unit = "N.s/m") = 3;
+  input Real F(unit = "N");
+  output Real y(unit = "m");
+  Real s(unit = "m", start = 0), v(unit = "m/s"), p{unit};
+equation
+  der(s) = v;
+  p = m*v;
+  der(p) = F - d*v;
+  y = s;
+end Body;
+"""
+VESSEL = """\
+model Vessel
+  parameter Real A(unit = "m2") = 0.5;
+  parameter Real R(unit = "Pa.s/m3") = 1e5;
+  input Real q(unit = "m3/s");
+  output Real y(unit = "Pa");
+  Real p(unit = "Pa"), x(unit = "{unit}", start = 1);
+equation
+  der(x) = {factor}*(q - p/R);
+  {law};
+  y = p;
+end Vessel;
+"""
+BLOCK = """\
+model Block
+  parameter Real C(unit = "J/K") = 500;
+  parameter Real G(unit = "W/K") = 2;
+  input Real P(unit = "W");
+  output Real y(unit = "{out}");
+  Real {state};
+equation
+  {equations}
+end Block;
+"""
+
+
+def compiled(folder: Path, text: str) -> FlatModel:
+    file = folder / f"{text.split()[1]}.mo"
+    file.write_text(text)
+    flat = compile_model(str(file))
+    assert isinstance(flat, FlatModel)
+    return flat
+
+
+def told(flat: FlatModel) -> list[tuple[str, str | None, float]]:
+    """Name, domain and factor of the flow, at the values of the model, of every balance."""
+    found = []
+    for one in balances(flat):
+        factor = flow_factor(flat, one)
+        assert factor is not None
+        value = ca.Function("value", [flat.theta], [factor])(flat.theta_values)
+        found.append((one.name(flat), one.domain(flat), float(value)))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("declared", "equations", "row", "factor"),
+    [
+        ("", "C*der(v) = (u - v)/R;", 0, 1.0),
+        ("", "R*C*der(v) = u - v;", 0, 1000.0),
+        ('Real i(unit = "A"), Q(unit = "C");', "u = R*i + v; der(Q) = i; Q = C*v;", 1, 1.0),
+        ('Real i(unit = "A"), Q(unit = "C");', "u = R*i + v; 0 = i - der(Q); Q = C*v;", 1, 1.0),
+    ],
+)
+def test_a_leak_to_ground_has_a_place_at_the_node_of_a_bare_capacity(
+    tmp_path: Path, declared: str, equations: str, row: int, factor: float
+) -> None:
+    flat = compiled(tmp_path, CIRCUIT.format(declared=declared, equations=equations))
+    ((name, domain, times),) = told(flat)
+    assert (name, domain) == (f"{row}:v", "electrical") and times == pytest.approx(factor)
+    effect = find_effect("GroundLeakage")
+    grown = attach(flat, effect, find_site(flat, name, effect), values={"G": 0.01})
+    assert grown.n > flat.n
+
+
+@pytest.mark.parametrize("unit", ["", '(unit = "kg.m/s")', '(unit = "N.s")'])
+def test_a_momentum_is_balanced_at_its_speed(tmp_path: Path, unit: str) -> None:
+    flat = compiled(tmp_path, BODY.format(unit=unit))
+    ((name, domain, factor),) = told(flat)
+    assert (name.partition(":")[2], domain, factor) == ("v", "translational", 1.0)
+    (balance,) = balances(flat)
+    assert flat.unknowns[balance.position].name == "s"
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "law", "expected"),
+    [
+        ("m3", "1", "p = 9810*x/A", 1.0),
+        ("l", "1000", "p = 9.81*x/A", 1000.0),
+        ("kg", "1000", "p = 9.81*x/A", 1000.0),
+    ],
+)
+def test_a_volume_or_a_mass_is_balanced_at_its_pressure(
+    tmp_path: Path, unit: str, factor: str, law: str, expected: float
+) -> None:
+    flat = compiled(tmp_path, VESSEL.format(unit=unit, factor=factor, law=law))
+    assert [(name.partition(":")[2], domain) for name, domain, _ in told(flat)] == [("p", "hydraulic")]
+    assert told(flat)[0][2] == pytest.approx(expected)
+    assert not [site for site in sites(flat) if site.domain == "amount"]
+
+
+@pytest.mark.parametrize(("unit", "times", "factor"), [("J", "", 1.0), ("kJ", "1000*", 1.0)])
+def test_heat_is_balanced_at_its_temperature(tmp_path: Path, unit: str, times: str, factor: float) -> None:
+    state = f'T(unit = "K"), E(unit = "{unit}", start = 146)'
+    equations = f"{times}der(E) = P - G*(T - 293.15); E = C*T/({times or '1*'}1); y = T;"
+    flat = compiled(tmp_path, BLOCK.format(out="K", state=state, equations=equations))
+    ((name, domain, value),) = told(flat)
+    assert name.endswith(":T") and domain == "thermal" and value == pytest.approx(factor)
+
+
+@pytest.mark.parametrize(
+    ("out", "law", "offset"),
+    [("K", "y = e + 293.15;", 293.15), ("degC", "y = e + 20;", 293.15), ("K", "y = e + 0.5;", None)],
+)
+def test_a_temperature_above_a_reference_is_absolute_with_it(
+    tmp_path: Path, out: str, law: str, offset: float | None
+) -> None:
+    flat = compiled(
+        tmp_path,
+        BLOCK.format(out=out, state='e(unit = "K", start = 0)', equations=f"C*der(e) = P - G*e; {law}"),
+    )
+    found = {i: change.offset for i, change in temperatures(flat).items()}
+    assert found == ({} if offset is None else {0: pytest.approx(offset)})
+
+
+def test_a_sensor_of_a_position_stores_nothing(tmp_path: Path) -> None:
+    text = BODY.format(unit="").replace(", p;", ', a(unit = "V");').replace("p = m*v;", "a = 5*s;")
+    flat = compiled(tmp_path, text.replace("der(p)", "m*der(v)"))
+    assert [domain for _, domain, _ in told(flat)] == ["translational"]
