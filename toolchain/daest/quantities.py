@@ -45,7 +45,7 @@ _SPELLINGS = {  # Modelica and loggers -> pint
     "Kelvin": "K",
 }
 _BASES = ("[length]", "[mass]", "[time]", "[current]", "[temperature]")
-_SI = {  # exponents of the bases
+_KNOWN = {  # exponents of the bases in units of the SI, and in those that users write most
     "m": (1, 0, 0, 0, 0),
     "kg": (0, 1, 0, 0, 0),
     "s": (0, 0, 1, 0, 0),
@@ -64,6 +64,24 @@ _SI = {  # exponents of the bases
     "H": (2, 1, -2, -2, 0),
     "Wb": (2, 1, -2, -1, 0),
     "T": (0, 1, -2, -1, 0),
+    "degC": (0, 0, 0, 0, 1),
+    "mm": (1, 0, 0, 0, 0),
+    "cm": (1, 0, 0, 0, 0),
+    "km": (1, 0, 0, 0, 0),
+    "l": (3, 0, 0, 0, 0),
+    "g": (0, 1, 0, 0, 0),
+    "ms": (0, 0, 1, 0, 0),
+    "min": (0, 0, 1, 0, 0),
+    "h": (0, 0, 1, 0, 0),
+    "deg": (0, 0, 0, 0, 0),
+    "rpm": (0, 0, -1, 0, 0),
+    "mA": (0, 0, 0, 1, 0),
+    "mV": (2, 1, -3, -1, 0),
+    "kN": (1, 1, -2, 0, 0),
+    "bar": (-1, 1, -2, 0, 0),
+    "kPa": (-1, 1, -2, 0, 0),
+    "kJ": (2, 1, -2, 0, 0),
+    "kW": (2, 1, -3, 0, 0),
 }
 _TOGETHER = {  # products written without a mark between their units; pint takes `Nm` for a count of yarn
     "Nm": ("N", "m"),
@@ -135,11 +153,7 @@ def is_unit_expression(text: str) -> bool:
 
 def is_known_unit(text: str) -> bool:
     """Whether the text is a unit expression of which every symbol is known."""
-    try:
-        _in_base_units(parse_unit(text), text)
-    except DataError:
-        return False
-    return bool(text.strip())
+    return bool(text.strip()) and _dimensions(text) is not None
 
 
 def over_power(unit: str, other: str, power: float) -> str:
@@ -174,18 +188,18 @@ def dimensions(text: str) -> dict[str, float] | None:
 def _dimensions(text: str) -> dict[str, float] | None:
     try:
         factors = parse_unit(text)
-        if all(symbol in _SI for symbol in factors):
-            return _si_dimensions(factors)
+        if all(symbol in _KNOWN for symbol in factors):
+            return _known_dimensions(factors)
         return {str(d): float(e) for d, e in _in_base_units(factors, text).dimensionality.items()}
     except DataError:
         return None
 
 
-def _si_dimensions(factors: Factors) -> dict[str, float]:
-    """Those of a product of units of the SI without prefixes, for which pint need not be loaded."""
+def _known_dimensions(factors: Factors) -> dict[str, float]:
+    """Those of a product of known units, for which pint need not be loaded."""
     total: dict[str, float] = {}
     for symbol, exponent in factors.items():
-        for base, power in zip(_BASES, _SI[symbol], strict=True):
+        for base, power in zip(_BASES, _KNOWN[symbol], strict=True):
             total[base] = total.get(base, 0.0) + exponent * power
     return {base: power for base, power in total.items() if power}
 
