@@ -11,7 +11,7 @@ from hidden_plants import INERTIA, NOISE, model, rotor_record, some_effects
 from daest.diagnosis import examine as examine_module
 from daest.diagnosis.answers import held_values as held_values_module
 from daest.diagnosis.answers.decided import Decided
-from daest.diagnosis.answers.held_values import OtherValue, other_value
+from daest.diagnosis.answers.held_values import OtherValue, other_value, value_besides
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.evidence.stand import begin, halved
 from daest.diagnosis.examine import _with_values
@@ -302,3 +302,14 @@ def test_the_sentence_names_both_values():
         decided,
         "",
     )
+
+
+@pytest.mark.parametrize("p_value, is_told", [(1e-9, True), (0.2, False)])
+def test_no_value_takes_most_of_what_is_left_where_that_follows_nothing(monkeypatch, p_value, is_told):
+    """Beside the friction of a servo that leaves the noise, its gear had seemed to be off."""
+    stand = stand_with(INERTIA)
+    strong = screen_module.ScoredValue("J", 9.0, 1e-15)
+    monkeypatch.setattr(held_values_module, "with_law", lambda null, _law: null)
+    monkeypatch.setattr(held_values_module, "value_scores", lambda *_: [strong])
+    law = SimpleNamespace(left=SimpleNamespace(p_value=p_value, log_likelihood_gain=12.0))
+    assert ("`J`" in value_besides(stand, law)) == is_told

@@ -196,10 +196,11 @@ def most_telling(stand: Stand, run: NullObserver, names: Sequence[str]) -> Other
 
 def value_besides(stand: Stand, law: Proof) -> str:
     """A sentence on the held value of which another one would take most of what the load follows that an
-    accepted law leaves; empty where none does. The law has its right name then, and sizes that are off by
-    many of their standard errors. What a second effect leaves no value says."""
+    accepted law leaves; empty where none does, or what is left follows nothing. The law has its right name
+    then, and sizes that are off by many of their standard errors. What a second effect leaves no value
+    says."""
     held = _held(stand)
-    if law.left is None or not held:
+    if law.left is None or law.left.p_value >= GATES.rest_level or not held:
         return ""
     with suppress(*FAILURES):
         model = with_law(stand.null, law)
