@@ -33,11 +33,16 @@ class Refused:
     is_any_dynamics: bool = True
     verdict: str = "rejected"
     reason: str = "it is short"
+    equivalent: tuple[str, ...] = ()
 
     @property
     def candidate(self) -> SimpleNamespace:
         effect = SimpleNamespace(class_name=self.law)
         return SimpleNamespace(effect=effect, site=self.place, is_of_signal=True, is_dynamic=True)
+
+    @property
+    def places(self) -> frozenset[str]:
+        return frozenset((self.place, *self.equivalent))
 
     @property
     def fit(self) -> SimpleNamespace:
@@ -61,6 +66,15 @@ class Refused:
 def test_the_likeliest_of_short_lags_is_asked_for(others, is_asked):
     lag = Refused(LAG, "y", 100.0)
     assert (shortest_lag([*others, lag]) is lag) == is_asked
+
+
+def test_a_lag_that_the_sensors_see_alike_is_no_other_one():
+    """A thermometer that is late behind a heater, and the command of the heater that is."""
+    lag = Refused(LAG, "y", 100.0)
+    assert shortest_lag([Refused(LAG, "u", 99.9, equivalent=("y",)), lag]) is lag
+    alike = Refused(LAG, "y", 100.0, equivalent=("u",))
+    assert shortest_lag([Refused(LAG, "u", 99.9), alike]) is alike
+    assert shortest_lag([Refused(LAG, "z", 99.9), lag]) is None
 
 
 @pytest.mark.parametrize(("dead_times", "is_told"), [((40.0, -3.0), True), ((60.0,), False), ((), False)])

@@ -698,20 +698,16 @@ def _simpler_laws(step: Step, fit: FitResult) -> list[Proof]:
     laws of fewer parameters at the same place, where a parameter of the law is uncertain in the `fit`."""
     if step.proof is None or step.diagnosis is None or not _is_partly_uncertain(step.proof, fit):
         return []
-    candidate, places = step.proof.candidate, _places(step.proof)
+    candidate, places = step.proof.candidate, step.proof.places
     simpler = [
         proof
         for proof in step.diagnosis.proofs
         if proof.is_known
         and proof.delta_bic > GATES.min_bic_gain
         and proof.candidate.n_unknowns < candidate.n_unknowns
-        and not places.isdisjoint(_places(proof))
+        and not places.isdisjoint(proof.places)
     ]
     return sorted(simpler, key=lambda proof: proof.delta_bic, reverse=True)
-
-
-def _places(proof: Proof) -> set[str]:
-    return {proof.candidate.site.name, *proof.equivalent}
 
 
 def _is_partly_uncertain(proof: Proof, fit: FitResult) -> bool:

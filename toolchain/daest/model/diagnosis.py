@@ -354,6 +354,11 @@ class Proof:
         return tuple(self.fit.theta[f"{name}.{p.name}"] for p in self.candidate.effect.sizes)
 
     @property
+    def places(self) -> frozenset[str]:
+        """The names of its place and of those where the sensors would see no difference."""
+        return frozenset((self.candidate.site.name, *self.equivalent))
+
+    @property
     def told(self) -> FitResult:
         """The fit whose sizes and errors are told."""
         return self.final or self.fit

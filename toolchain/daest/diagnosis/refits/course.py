@@ -470,7 +470,7 @@ def _leaves(best: Proof) -> bool:
 def _is_next(other: Proof, best: Proof) -> bool:
     """Whether a law at another place that pays for its parameters takes most of the errors of an output that
     the best one leaves: they are missing together, and it is asked for beside that one."""
-    if other.candidate.site.name in {best.candidate.site.name, *best.equivalent}:
+    if other.candidate.site.name in best.places:
         return False
     ratios = error_ratios(best.told.simulated, other.told.simulated)
     return other.delta_bic > GATES.min_bic_gain and min(ratios, default=1.0) < GATES.max_most_ratio

@@ -504,12 +504,12 @@ def richer_laws(
 
 def shortest_lag(proofs: Sequence[Proof]) -> Proof | None:
     """The lag that is refused for nothing but that it is short beside the model, where it is the likeliest of
-    all such; None where there is none."""
+    all such but those at places that the sensors see alike, which are the same; None where there is none."""
     short = [p for p in proofs if p.is_any_dynamics]
     best = max(short, key=lambda p: p.delta_bic, default=None)
     if best is None or best.candidate.effect.class_name != LAG:
         return None
-    others = [p.delta_bic for p in short if p is not best and p.candidate.site != best.candidate.site]
+    others = [p.delta_bic for p in short if p is not best and not p.places & best.places]
     return best if best.delta_bic >= max(others, default=0.0) + GATES.min_bic_gain else None
 
 
@@ -720,7 +720,7 @@ def own_law_elsewhere(best: Proof, screen: Screen, tried: Sequence[Proof]) -> tu
         return ()
     scores = {entry.candidate.name: entry.score for entry in screen.entries}
     known = {p.candidate.site.name for p in tried if p.candidate.effect.class_name == own.effect.class_name}
-    known |= {own.site.name, *best.equivalent}
+    known |= best.places
     found = [
         trial
         for trial in trials(screen, GATES.screen_level, len(screen.entries))

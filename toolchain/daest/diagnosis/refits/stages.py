@@ -469,10 +469,8 @@ def _has_fallen_short(prepared: Prepared, proof: Proof) -> bool:
 
 def _is_same_law(one: Proof, other: Proof) -> bool:
     """Whether two proofs are of one effect at one place, or at places that the sensors see alike."""
-    places = {one.candidate.site.name, *one.equivalent}
-    return one.candidate.effect.class_name == other.candidate.effect.class_name and bool(
-        places & {other.candidate.site.name, *other.equivalent}
-    )
+    is_same = one.candidate.effect.class_name == other.candidate.effect.class_name
+    return is_same and bool(one.places & other.places)
 
 
 def _what(error: Exception | None) -> str:
