@@ -19,8 +19,9 @@ import daest
 from daest.diagnosis.evidence.stand import without_noises
 from daest.diagnosis.null_model.loads import load_sites
 from daest.diagnosis.null_model.null import Null, fit_null
+from daest.diagnosis.null_model.null_observer import NullObserver, run_null
 from daest.diagnosis.screening.candidates import pairs
-from daest.diagnosis.screening.screen import NullObserver, run_null, screen
+from daest.diagnosis.screening.screen import screen
 from daest.model.diagnosis import Candidate
 from daest.modelica.places.sites import sites
 from daest.numerics.threads import one_thread

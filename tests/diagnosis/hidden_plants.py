@@ -11,8 +11,8 @@ import numpy as np
 from daest.diagnosis.evidence.proof import proof_of, searched
 from daest.diagnosis.evidence.stand import begin, without_noises
 from daest.diagnosis.null_model.null import fit_null
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.screening.screen import run_null
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
 from daest.modelica.effects.catalogue import effect_library

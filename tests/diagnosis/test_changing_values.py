@@ -13,9 +13,9 @@ from daest.diagnosis.evidence.proof import bic_gain
 from daest.diagnosis.evidence.stand import begin, halved
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import refit
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screening.candidates import attached
-from daest.diagnosis.screening.screen import run_null
 from daest.model.diagnosis import Candidate
 from daest.modelica.places.sites import sites
 from daest.systems.reduction.reduce import reduce_index

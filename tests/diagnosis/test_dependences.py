@@ -13,6 +13,7 @@ from test_proof import proved
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.evidence.reasons import may_be_a_bend
 from daest.diagnosis.evidence.stand import begin, halved
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.refits.dependences import (
     _combined,
@@ -20,7 +21,6 @@ from daest.diagnosis.refits.dependences import (
     dependences,
     refused_where_errors_last,
 )
-from daest.diagnosis.screening.screen import run_null
 from daest.model.effects import Site
 from daest.model.experiment import Experiment
 from daest.modelica.change import declare

@@ -545,7 +545,7 @@ def test_shooting_waits_until_nothing_else_explains_the_data(monkeypatch):
         form = SimpleNamespace(p_value=left, log_likelihood_gain=0.5 * abs(gain))
         verdict = "supported" if gain > 0.0 else "rejected"
         return SimpleNamespace(
-            candidate=candidate, equivalent=(), delta_log_likelihood=gain, verdict=verdict, left=form
+            candidate=candidate, places={site}, delta_log_likelihood=gain, verdict=verdict, left=form
         )
 
     def shot(self, again, _):

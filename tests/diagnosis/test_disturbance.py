@@ -6,8 +6,8 @@ import numpy as np
 from hidden_plants import quiet, rotor_null, rotor_record
 
 from daest.diagnosis.null_model.null import with_noise
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
-from daest.diagnosis.screening.screen import run_null
 
 
 @cache

@@ -10,8 +10,8 @@ from hidden_plants import model, rotor_record
 
 from daest.diagnosis.evidence.stand import begin
 from daest.diagnosis.null_model.error_dynamics import average_dynamics, dynamics_along
+from daest.diagnosis.null_model.null_observer import error_covariance, run_null
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.screening.screen import error_covariance, run_null
 from daest.estimation.nonlinear.observer import average_model
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text

@@ -10,9 +10,9 @@ from scipy.stats import kstest
 
 from daest.diagnosis.evidence.stand import without_noises
 from daest.diagnosis.null_model.null import fit_null
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.screening.candidates import pairs
 from daest.diagnosis.screening.free_forms import _basis, forms_of, free_forms, internal_variables, keep_forms
-from daest.diagnosis.screening.screen import run_null
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model
 from daest.modelica.effects.attach import attach

@@ -11,11 +11,11 @@ from scipy.integrate import solve_ivp
 
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.evidence.stand import begin, halved
+from daest.diagnosis.null_model import null_observer
 from daest.diagnosis.null_model.null import falls_over, with_noise
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.screening import screen as screen_module
 from daest.diagnosis.screening.disturbance import place_gains
-from daest.diagnosis.screening.screen import run_null
 from daest.errors import NumericalError
 from daest.estimation.fitting.records import part_of
 from daest.model.experiment import Experiment
@@ -106,13 +106,13 @@ def test_observer_whose_gain_lets_the_machine_fall_is_made_where_it_was_held(mon
         *halved((record(),), ()),
         DiagnoseOptions(hold="zoh"),
     ).null
-    whole = screen_module._whole_gain
+    whole = null_observer._whole_gain
 
     def too_little_along_a_fall(null, average):
         grows = float(np.max(np.linalg.eigvals(average.A).real))
         return (1.0 if grows > 4.76 else 0.2) * whole(null, average)
 
-    monkeypatch.setattr(screen_module, "_whole_gain", too_little_along_a_fall)
+    monkeypatch.setattr(null_observer, "_whole_gain", too_little_along_a_fall)
     assert_white(run_null(with_noise(null, np.full(len(null.intensity), 1e-12), null.measurement_std)))
 
 

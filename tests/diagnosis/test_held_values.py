@@ -15,9 +15,10 @@ from daest.diagnosis.answers.held_values import OtherValue, other_value, value_b
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.evidence.stand import begin, halved
 from daest.diagnosis.examine import _with_values
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.options import DiagnoseOptions
-from daest.diagnosis.screening import screen as screen_module
-from daest.diagnosis.screening.screen import run_null, value_scores
+from daest.diagnosis.screening import scores
+from daest.diagnosis.screening.scores import value_scores
 from daest.model.fit import FittedParameter
 from daest.numerics.deadline import OutOfTimeError
 
@@ -66,12 +67,12 @@ def test_a_value_that_others_nearly_do_is_still_asked_for(monkeypatch, share, is
     1.8 %, which is 14 standard errors on unseen data."""
     stand = stand_with(1.5 * INERTIA)
     run = run_null(stand.null)
-    projected = screen_module.projected
+    projected = scores.projected
 
     def nearly_done(responses, directions):
         return projected(responses, directions)[0], np.full(len(responses), share)
 
-    monkeypatch.setattr(screen_module, "projected", nearly_done)
+    monkeypatch.setattr(scores, "projected", nearly_done)
     assert (value_scores(stand.null, run, ["J"])[0].score > 5.0) == is_seen
 
 
@@ -308,7 +309,7 @@ def test_the_sentence_names_both_values():
 def test_no_value_takes_most_of_what_is_left_where_that_follows_nothing(monkeypatch, p_value, is_told):
     """Beside the friction of a servo that leaves the noise, its gear had seemed to be off."""
     stand = stand_with(INERTIA)
-    strong = screen_module.ScoredValue("J", 9.0, 1e-15)
+    strong = scores.ScoredValue("J", 9.0, 1e-15)
     monkeypatch.setattr(held_values_module, "with_law", lambda null, _law: null)
     monkeypatch.setattr(held_values_module, "value_scores", lambda *_: [strong])
     law = SimpleNamespace(left=SimpleNamespace(p_value=p_value, log_likelihood_gain=12.0))

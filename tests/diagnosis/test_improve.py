@@ -10,12 +10,12 @@ from hidden_plants import library, model, prove, rubbing, some_effects
 
 from daest.diagnosis import improve as improving
 from daest.diagnosis.built_in.trials import Trial, prepare, with_kinks_bounded
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.refits import rounds as refitting
 from daest.diagnosis.refits.rounds import proved_again
 from daest.diagnosis.screening.candidates import pairs
 from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
-from daest.diagnosis.screening.screen import run_null
 from daest.errors import EstimationError
 from daest.model.diagnosis import Ahead, Diagnosis, Screen, Step
 from daest.model.fit import Agreement

@@ -13,10 +13,10 @@ from daest.diagnosis.built_in.trials import Trial
 from daest.diagnosis.diagnose import diagnose
 from daest.diagnosis.null_model.loads import load_sites
 from daest.diagnosis.null_model.null import fit_null
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.refits import course
 from daest.diagnosis.screening.candidates import pairs
-from daest.diagnosis.screening.screen import run_null
 from daest.model.diagnosis import Screen, Screened
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text

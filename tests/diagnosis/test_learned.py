@@ -21,9 +21,9 @@ from daest.diagnosis.answers.learned import (
 from daest.diagnosis.answers.written import simulated_rms, written_load
 from daest.diagnosis.evidence.stand import begin, without_noises
 from daest.diagnosis.null_model.loads import load_places
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.screening.free_forms import free_forms
-from daest.diagnosis.screening.screen import run_null
 from daest.errors import EstimationError
 from daest.model.diagnosis import Curve
 from daest.modelica.compile import compile_text

@@ -15,13 +15,13 @@ from daest.diagnosis.evidence.beside_starts import Started
 from daest.diagnosis.evidence.open_loop import Simulated, in_use, open_screen
 from daest.diagnosis.evidence.pieces import FEWEST_PIECES, in_pieces
 from daest.diagnosis.evidence.stand import begin
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.refits import course as course_module
 from daest.diagnosis.refits.course import Course
 from daest.diagnosis.refits.in_use import proof_in_open_loop, tried_in_open_loop
 from daest.diagnosis.refits.search import Search
 from daest.diagnosis.screening.candidates import keeping_order, pairs
-from daest.diagnosis.screening.screen import run_null
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_text
 from daest.modelica.effects.catalogue import find_effect

@@ -52,6 +52,7 @@ from daest.diagnosis.evidence.stand import begin, reference_of
 from daest.diagnosis.evidence.unseen import SIMULATED_WORSE
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import grown
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.recordings import holds as holding
 from daest.diagnosis.refits.course import _possible, _with_better_kinks, _with_second_tries
@@ -59,7 +60,8 @@ from daest.diagnosis.screening.candidates import pairs
 from daest.diagnosis.screening.clipping import Clip, clips_of, with_clipped_sensors
 from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
 from daest.diagnosis.screening.free_forms import covers, free_forms
-from daest.diagnosis.screening.screen import law_response, run_null, screen
+from daest.diagnosis.screening.responses import law_response
+from daest.diagnosis.screening.screen import screen
 from daest.model.diagnosis import Ahead, Candidate, Confirmed, FreeForm, InUse, Screen, Screened
 from daest.model.experiment import Experiment
 from daest.model.fit import Agreement, Choice, error_ratios

@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 from daest.diagnosis.built_in.trials import prepare, trials
 from daest.diagnosis.evidence.ranking import could_compete
 from daest.diagnosis.null_model.null import fit_null
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.refits.rivals import (
     alike_elsewhere,
     best_dynamic,
@@ -36,7 +37,7 @@ from daest.diagnosis.refits.rivals import (
 )
 from daest.diagnosis.screening.candidates import pairs
 from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
-from daest.diagnosis.screening.screen import run_null, screen
+from daest.diagnosis.screening.screen import screen
 from daest.model.diagnosis import Screened
 from daest.model.experiment import Experiment
 from daest.modelica.compile import compile_model

@@ -26,25 +26,18 @@ from scipy.stats import kstest, norm
 from daest.diagnosis.answers.verdict import two_alike
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import loads_of
+from daest.diagnosis.null_model.null_observer import _followed, run_null
 from daest.diagnosis.screening import candidates as candidates_module
 from daest.diagnosis.screening import screen as screening
 from daest.diagnosis.screening.candidates import attachable, attached, in_shapes, pairs, with_shapes
+from daest.diagnosis.screening.responses import _responses, nuisance, size_names
+from daest.diagnosis.screening.scores import DRAWS, TAIL, _p_value, projected, promising_pairs
 from daest.diagnosis.screening.screen import (
-    DRAWS,
-    TAIL,
-    _followed,
     _in_one_model,
     _in_own_components,
-    _p_value,
-    _responses,
     _without_sums,
     already_there,
-    nuisance,
-    projected,
-    promising_pairs,
-    run_null,
     screen,
-    size_names,
 )
 from daest.diagnosis.screening.size_slopes import sizes_of
 from daest.errors import EstimationError, ModelError

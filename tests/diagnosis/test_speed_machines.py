@@ -7,9 +7,10 @@ import numpy as np
 from hidden_plants import model, rotor_record, some_effects
 
 from daest.diagnosis.null_model.null import fit_null
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.screening.candidates import attachable, pairs, with_shapes
 from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
-from daest.diagnosis.screening.screen import _responses, run_null, size_names
+from daest.diagnosis.screening.responses import _responses, size_names
 from daest.diagnosis.screening.size_slopes import sizes_of
 from daest.modelica.places.sites import sites
 from daest.systems.reduction.reduce import reduce_index

@@ -29,7 +29,7 @@ from daest.diagnosis.evidence.unseen import (
 )
 from daest.diagnosis.null_model.loads import load_places, load_sites, with_loads
 from daest.diagnosis.null_model.null import Null, fit_null
-from daest.diagnosis.screening.screen import run_null
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.estimation.fitting.coordinates import Unknowns
 from daest.estimation.fitting.records import part_of
 from daest.estimation.nonlinear.nonlinear_start import fit_initial_states

@@ -8,7 +8,7 @@ import pytest
 from hidden_plants import PERIOD, library, model
 from test_changing_values import stand_with
 
-from daest.diagnosis.screening.screen import run_null
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.screening.within_sample import acts_later, responses_within
 from daest.model.diagnosis import Candidate
 from daest.modelica.places.sites import sites

@@ -30,6 +30,7 @@ from daest.diagnosis.evidence.stand import Stand, quiet
 from daest.diagnosis.evidence.unseen import innovations
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, grown, open_hold, with_other_hold
+from daest.diagnosis.null_model.null_observer import NullObserver, run_null
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.recordings.faulty import (
     EMPTY,
@@ -52,7 +53,7 @@ from daest.diagnosis.screening.candidates import keeping_order
 from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
 from daest.diagnosis.screening.free_forms import free_forms, keep_forms
 from daest.diagnosis.screening.passed_once import back_on_their_way
-from daest.diagnosis.screening.screen import NullObserver, run_null, screen
+from daest.diagnosis.screening.screen import screen
 from daest.model.diagnosis import Candidate, Diagnosis, FreeForm, LearnedLoad, Proof, Screen
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment

@@ -27,6 +27,7 @@ from daest.diagnosis.evidence.unseen import is_better, is_likelier, is_worse
 from daest.diagnosis.examine import examine
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import known_values, without_memory
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.options import DiagnoseOptions, Progress
 from daest.diagnosis.recordings.contradicted import contradicted
 from daest.diagnosis.recordings.holds import (
@@ -49,7 +50,7 @@ from daest.diagnosis.refits.held_back import (
 )
 from daest.diagnosis.refits.rounds import accept, gains_beside, proved_again, proved_beside, with_kinks
 from daest.diagnosis.screening.candidates import fed
-from daest.diagnosis.screening.screen import promising_pairs, run_null
+from daest.diagnosis.screening.scores import promising_pairs
 from daest.diagnosis.without_equations.switching import diagnose_switching
 from daest.errors import EstimationError
 from daest.estimation.fitting.records import n_observed

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 from daest.diagnosis.answers.held_values import OtherValue, most_telling
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.evidence.stand import Stand
+from daest.diagnosis.null_model.null_observer import NullObserver
 from daest.diagnosis.screening.candidates import attached, brings_time
-from daest.diagnosis.screening.screen import NullObserver, size_names
+from daest.diagnosis.screening.responses import size_names
 from daest.model.diagnosis import Candidate, Proof
 from daest.model.effects import Effect
 from daest.model.flat import FlatModel

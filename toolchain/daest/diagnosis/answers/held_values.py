@@ -23,8 +23,9 @@ from daest.diagnosis.evidence.reasons import told_number
 from daest.diagnosis.evidence.stand import Stand, reference_of
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, refit
+from daest.diagnosis.null_model.null_observer import NullObserver, run_null
 from daest.diagnosis.screening.candidates import with_law
-from daest.diagnosis.screening.screen import NullObserver, run_null, value_scores
+from daest.diagnosis.screening.scores import value_scores
 from daest.model.diagnosis import Proof
 from daest.model.fit import FitResult, FittedParameter, error_ratios
 from daest.model.parts import Parameter

@@ -22,8 +22,8 @@ from daest.diagnosis.evidence.proof import Reference
 from daest.diagnosis.evidence.unseen import compared, foreseen, foretold_drift, judged
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, period_of, refit
+from daest.diagnosis.null_model.null_observer import NullObserver
 from daest.diagnosis.screening.free_forms import TURN, internal_variables
-from daest.diagnosis.screening.screen import NullObserver
 from daest.errors import DaestError
 from daest.estimation.fitting.records import n_observed
 from daest.model.diagnosis import Curve, FreeForm, LearnedLoad

@@ -25,7 +25,7 @@ from daest.diagnosis.evidence.open_loop import simulated_errors
 from daest.diagnosis.evidence.reasons import told_values
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, at_fit, slowest_at
-from daest.diagnosis.screening.screen import NullObserver
+from daest.diagnosis.null_model.null_observer import NullObserver
 from daest.estimation.fitting.signals import still_share
 from daest.estimation.gates import FIT
 from daest.model.diagnosis import (

@@ -26,7 +26,7 @@ from daest.diagnosis.evidence.reasons import is_significant, told_values
 from daest.diagnosis.evidence.unseen import is_better, is_worse
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.recordings.recorded_late import EarlierInputs
-from daest.diagnosis.screening.screen import promising_pairs
+from daest.diagnosis.screening.scores import promising_pairs
 from daest.model.diagnosis import (
     Proof,
     Screen,

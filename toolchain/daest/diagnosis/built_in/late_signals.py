@@ -18,17 +18,17 @@ from daest.diagnosis.built_in.dead_times import DELAY
 from daest.diagnosis.built_in.trials import Trial
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, period_of
+from daest.diagnosis.null_model.null_observer import NullObserver
 from daest.diagnosis.screening.candidates import explicit_at_null
-from daest.diagnosis.screening.screen import (
-    NullObserver,
-    already_there,
+from daest.diagnosis.screening.responses import (
     entries_along,
     innovation_responses,
     loads_rescaled,
     nuisance,
-    scored,
     size_names,
 )
+from daest.diagnosis.screening.scores import scored
+from daest.diagnosis.screening.screen import already_there
 from daest.diagnosis.screening.size_slopes import sizes_of
 from daest.model.diagnosis import Candidate, Screen, Screened
 from daest.model.effects import Site

@@ -18,7 +18,8 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, grown, loads_of, shortest_load, simulation_options
-from daest.diagnosis.screening.screen import NullObserver, nuisance, run_null
+from daest.diagnosis.null_model.null_observer import NullObserver, run_null
+from daest.diagnosis.screening.responses import nuisance
 from daest.errors import DaestError
 from daest.estimation.fitting.coordinates import Unknowns, parameter_coordinate
 from daest.estimation.identify import identify

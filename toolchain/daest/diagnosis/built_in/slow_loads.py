@@ -15,14 +15,10 @@ import numpy as np
 from daest.diagnosis.built_in.trials import Trial, trials
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null
+from daest.diagnosis.null_model.null_observer import NullObserver
 from daest.diagnosis.screening.candidates import in_models
-from daest.diagnosis.screening.screen import (
-    NullObserver,
-    entries_along,
-    projection,
-    size_names,
-    some_at_a_time,
-)
+from daest.diagnosis.screening.responses import entries_along, size_names, some_at_a_time
+from daest.diagnosis.screening.scores import projection
 from daest.diagnosis.screening.size_slopes import sizes_of
 from daest.model.diagnosis import Candidate, Screen
 from daest.model.flat import ExplicitModel

@@ -16,7 +16,7 @@ import numpy as np
 from daest.diagnosis.evidence.free_starts import best_start
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null
-from daest.diagnosis.screening.screen import RTOL
+from daest.diagnosis.null_model.null_observer import RTOL
 from daest.model.experiment import Experiment
 from daest.systems.events.integration import IntegrationError
 from daest.systems.simulation.integrate import integrate, integrator

@@ -10,7 +10,7 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null
-from daest.diagnosis.screening.screen import RTOL
+from daest.diagnosis.null_model.null_observer import RTOL
 from daest.estimation.fitting.records import longest_duration, n_observed
 from daest.estimation.linear.delay_starts import long_past_of
 from daest.model.experiment import Experiment

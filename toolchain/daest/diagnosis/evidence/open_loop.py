@@ -21,8 +21,9 @@ from daest.diagnosis.evidence.beside_starts import Started, beside_starts, start
 from daest.diagnosis.evidence.free_starts import free_runs
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, simulation_options
+from daest.diagnosis.null_model.null_observer import RTOL, run_null
 from daest.diagnosis.screening.candidates import courses, ranges
-from daest.diagnosis.screening.screen import RTOL, run_null, screen
+from daest.diagnosis.screening.screen import screen
 from daest.estimation.fitting.signals import is_constant
 from daest.estimation.identify import identify
 from daest.model.diagnosis import Candidate, InUse, Screen

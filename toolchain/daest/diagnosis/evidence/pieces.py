@@ -19,8 +19,8 @@ from daest.diagnosis.evidence.open_loop import errors_in_pieces
 from daest.diagnosis.evidence.stand import Stand, quiet
 from daest.diagnosis.evidence.unseen import seen_modes, slowest_decay
 from daest.diagnosis.null_model.null import Null, at_fit, grown
+from daest.diagnosis.null_model.null_observer import NullObserver
 from daest.diagnosis.screening.candidates import fed
-from daest.diagnosis.screening.screen import NullObserver
 from daest.estimation.fitting.records import part_of
 from daest.estimation.fitting.result import agreement_of
 from daest.model.diagnosis import Proof

@@ -58,10 +58,10 @@ from daest.diagnosis.evidence.unseen import (
 )
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, grown, loads_of, period_of, refitted
+from daest.diagnosis.null_model.null_observer import NullObserver, run_null
 from daest.diagnosis.screening.candidates import brings_time
 from daest.diagnosis.screening.disturbance import SmoothedLoad, smoothed_at
 from daest.diagnosis.screening.free_forms import free_forms
-from daest.diagnosis.screening.screen import NullObserver, run_null
 from daest.diagnosis.screening.within_sample import acts_later
 from daest.errors import DaestError
 from daest.estimation.fitting.records import longest_duration, n_observed, part_of

@@ -15,9 +15,10 @@ from daest.diagnosis.evidence.free_starts import free_runs
 from daest.diagnosis.evidence.open_loop import driven_share, largest_values, values_along
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, grown
+from daest.diagnosis.null_model.null_observer import NullObserver, run_null
 from daest.diagnosis.screening.candidates import scaled_by, scaled_shapes
 from daest.diagnosis.screening.free_forms import covers
-from daest.diagnosis.screening.screen import NullObserver, law_response, run_null
+from daest.diagnosis.screening.responses import law_response
 from daest.errors import DaestError
 from daest.estimation.fitting.records import longest_duration
 from daest.estimation.fitting.signals import is_constant

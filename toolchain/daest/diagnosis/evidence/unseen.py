@@ -19,7 +19,7 @@ from daest.diagnosis.evidence.free_starts import best_start
 from daest.diagnosis.evidence.reasons import unexplained
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import with_noise
-from daest.diagnosis.screening.screen import ATOL_OF_SCALE, RTOL, NullObserver, run_null
+from daest.diagnosis.null_model.null_observer import ATOL_OF_SCALE, RTOL, NullObserver, run_null
 from daest.errors import DaestError
 from daest.estimation.fitting.records import longest_duration
 from daest.estimation.nonlinear.observer import observer, sampled_average

@@ -19,8 +19,9 @@ from daest.diagnosis.evidence.law_values import errors_last
 from daest.diagnosis.evidence.same_laws import is_same_load
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null
+from daest.diagnosis.null_model.null_observer import NullObserver
 from daest.diagnosis.screening.free_forms import internal_variables
-from daest.diagnosis.screening.screen import NullObserver, screen
+from daest.diagnosis.screening.screen import screen
 from daest.errors import EstimationError
 from daest.model.diagnosis import Candidate, Proof, Screen
 from daest.model.effects import Effect

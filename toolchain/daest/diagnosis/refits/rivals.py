@@ -28,8 +28,8 @@ from daest.diagnosis.evidence.reasons import NO_BEND, STRAIGHT, TURNS_BACK, unse
 from daest.diagnosis.evidence.same_laws import is_linear_law
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, period_of, simulation_options
+from daest.diagnosis.null_model.null_observer import NullObserver
 from daest.diagnosis.screening.candidates import with_shapes
-from daest.diagnosis.screening.screen import NullObserver
 from daest.errors import DaestError
 from daest.estimation.fitting.coordinates import Unknowns
 from daest.estimation.identify import identify, searched

@@ -18,12 +18,12 @@ from daest.diagnosis.evidence.stand import Stand, quiet, reference_of
 from daest.diagnosis.evidence.unseen import compared, innovations, is_worse
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null, grown, open_inputs, period_of, refit, refitted
+from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.refits.attempts import found_somehow
 from daest.diagnosis.refits.search import Search
 from daest.diagnosis.screening.candidates import fed, with_law
 from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
 from daest.diagnosis.screening.free_forms import forms_of
-from daest.diagnosis.screening.screen import run_null
 from daest.estimation.linear.hold_search import with_turned
 from daest.model.diagnosis import Candidate, Proof
 from daest.model.fit import error_ratios

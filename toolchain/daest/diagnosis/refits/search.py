@@ -10,9 +10,9 @@ from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.built_in.trials import Prepared, moved, prepare
 from daest.diagnosis.evidence.proof import Searched, proof_of, searched
 from daest.diagnosis.evidence.stand import Stand
+from daest.diagnosis.null_model.null_observer import NullObserver
 from daest.diagnosis.screening.candidates import fed
 from daest.diagnosis.screening.disturbance import SmoothedLoad
-from daest.diagnosis.screening.screen import NullObserver
 from daest.model.diagnosis import FreeForm, Proof
 
 MOST_PLACES = 5  # that the sensors see alike, where a refit is tried again

@@ -9,7 +9,7 @@ import numpy as np
 
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null
-from daest.diagnosis.screening.screen import RTOL, NullObserver, error_covariance, measured_together
+from daest.diagnosis.null_model.null_observer import RTOL, NullObserver, error_covariance, measured_together
 from daest.estimation.filter_engines.stationary import known_filter
 from daest.estimation.nonlinear.observer import observer, sampled_average
 from daest.model.diagnosis import PlaceGain

@@ -18,15 +18,9 @@ from daest.data.limits import DATA
 from daest.diagnosis.comparison.trial import variables_along
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null
-from daest.diagnosis.screening.screen import (
-    NullObserver,
-    loads_rescaled,
-    nuisance,
-    projected,
-    projection,
-    responses_along,
-    spread_under,
-)
+from daest.diagnosis.null_model.null_observer import NullObserver
+from daest.diagnosis.screening.responses import loads_rescaled, nuisance, responses_along
+from daest.diagnosis.screening.scores import projected, projection, spread_under
 from daest.model.diagnosis import FreeForm
 from daest.model.experiment import Experiment
 from daest.model.holds import interval_ends

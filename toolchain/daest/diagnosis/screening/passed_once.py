@@ -14,7 +14,7 @@ from daest.modelica.places.balances import balances, needs_position
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from daest.diagnosis.screening.screen import NullObserver
+    from daest.diagnosis.null_model.null_observer import NullObserver
     from daest.model.diagnosis import Candidate
     from daest.model.effects import Effect
 

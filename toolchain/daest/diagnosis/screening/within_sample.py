@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from daest.diagnosis.gates import GATES
-from daest.diagnosis.screening.screen import NullObserver
+from daest.diagnosis.null_model.null_observer import NullObserver
 from daest.model.diagnosis import Candidate
 from daest.model.fit import FitResult, error_ratios
 from daest.numerics.exponential import transition_integrals

@@ -17,7 +17,7 @@ from daest.diagnosis.answers.verdict import decide
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.refits.stages import TIME_IS_UP
-from daest.diagnosis.screening.screen import projected, scored
+from daest.diagnosis.screening.scores import projected, scored
 from daest.errors import DaestError, EstimationError
 from daest.estimation.identify import identify
 from daest.model.diagnosis import Candidate, Diagnosis, Proof, Screen, Screened, Unproved
