@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from daest.diagnosis.built_in.settled import _is_led_away
-from daest.diagnosis.refits.rivals import _with_simplest
+from daest.diagnosis.refits.dynamic_fits import _with_simplest
 
 
 def law(name, site, n_states):

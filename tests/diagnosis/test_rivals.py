@@ -14,11 +14,9 @@ from daest.diagnosis.built_in.trials import prepare, trials
 from daest.diagnosis.evidence.ranking import could_compete
 from daest.diagnosis.null_model.null import fit_null
 from daest.diagnosis.null_model.null_observer import run_null
+from daest.diagnosis.refits.dynamic_fits import best_dynamic, best_simulation, dynamic_fits
 from daest.diagnosis.refits.rivals import (
     alike_elsewhere,
-    best_dynamic,
-    best_simulation,
-    dynamic_fits,
     from_other_sizes,
     kinked_elsewhere,
     laws_at_its_place,

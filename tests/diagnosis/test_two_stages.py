@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from daest.diagnosis.null_model.null import fit_null
 from daest.diagnosis.null_model.null_observer import run_null
-from daest.diagnosis.refits.rivals import best_dynamic, best_simulation, dynamic_fits
+from daest.diagnosis.refits.dynamic_fits import best_dynamic, best_simulation, dynamic_fits
 from daest.diagnosis.screening.candidates import attachable, pairs
 from daest.diagnosis.screening.grown_states import brought_rows
 from daest.diagnosis.screening.screen import screen

@@ -41,10 +41,9 @@ from daest.diagnosis.refits.dependences import (
     leading,
     refused_where_errors_last,
 )
+from daest.diagnosis.refits.dynamic_fits import DynamicFits, best_dynamic
 from daest.diagnosis.refits.rivals import (
-    DynamicFits,
     alike_elsewhere,
-    best_dynamic,
     from_other_sizes,
     kinked_elsewhere,
     laws_at_its_place,

@@ -21,14 +21,7 @@ from daest.diagnosis.null_model.null import Null
 from daest.diagnosis.options import REFIT_SECONDS, DiagnoseOptions, Progress
 from daest.diagnosis.refits.ahead import ONE_COMPILATION, compilations
 from daest.diagnosis.refits.attempts import proof_by_attempts
-from daest.diagnosis.refits.in_use import (
-    InOpenLoop,
-    proof_in_open_loop,
-    shown_in_use,
-    tried_in_open_loop,
-    with_simulation,
-)
-from daest.diagnosis.refits.rivals import (
+from daest.diagnosis.refits.dynamic_fits import (
     DynamicFits,
     Simulation,
     bent_fits,
@@ -37,6 +30,13 @@ from daest.diagnosis.refits.rivals import (
     dynamic_fits,
     nominal_simulation,
     storage_fits,
+)
+from daest.diagnosis.refits.in_use import (
+    InOpenLoop,
+    proof_in_open_loop,
+    shown_in_use,
+    tried_in_open_loop,
+    with_simulation,
 )
 from daest.diagnosis.refits.search import MOST_PLACES, Search
 from daest.errors import DaestError
