@@ -41,6 +41,22 @@ def test_case_trailing_unit_and_last_part_of_the_name():
     assert found == [("Force", "similar name"), ("position_m", "similar name"), ("phi", "similar name")]
 
 
+@pytest.mark.parametrize("form", ["T{} [kN]", "T_{} [kN]", "t {}", "T{}_kN"])
+def test_elements_of_arrays_as_tables_write_them(form):
+    signals = [Signal(f"T[{i}]", "kN") for i in (1, 2, 11)]
+    headers = [form.format(i) for i in (11, 1, 2)]
+    found = match_columns(signals, table("time", *headers))
+    columns = [table(header).columns[0].name for header in headers]
+    assert [match.column for match in found] == [columns[1], columns[2], columns[0]]
+    assert {match.how for match in found} == {"similar name"}
+
+
+def test_elements_of_arrays_of_components_and_matrices():
+    signals = [Signal("cell[1].T", "K"), Signal("cell[2].T", "K"), Signal("k[1,2]", "")]
+    found = proposals(signals, "time", "k12", "cell2_T", "cell1.T")
+    assert found == [("cell1.T", "similar name"), ("cell2_T", "similar name"), ("k12", "similar name")]
+
+
 def test_unit_only_where_it_is_unambiguous():
     assert proposals([Signal("force", "N")], "time", "motor_kN", "x_m") == [("motor_kN", "unit")]
     assert proposals([Signal("force", "N")], "time", "a [N]", "b [N]") == [(None, None)]

@@ -204,12 +204,24 @@ def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) ->
     if how in ("similar name", "name of what it equals"):
         names = {column.name.lower(), column.name.rsplit("_", 1)[0].lower(), stem(column).lower()}
         is_same = signal.name.lower() in names or signal.name.rsplit(".", 1)[-1].lower() in names
+        is_same = is_same or _is_element(signal.name, names)
         return is_same and (how == "similar name" or _may_be(signal, column))
     if how == "part of its name":
         is_part = _words(signal.name.rsplit(".", 1)[-1]) <= _words(stem(column))
         return is_part and _may_be(signal, column)
     rivals = [other for other in others if other is not signal and _same_kind(other.unit, signal.unit)]
     return not rivals and bool(signal.unit) and _same_kind(_told_unit(column, signal), signal.unit)
+
+
+def _is_element(name: str, columns: set[str]) -> bool:
+    """Whether `name` has an index, `T[1]`, and one of `columns` is it as tables write it, where brackets hold
+    units: `T1`, `T_1`."""
+    spelt = {_without_marks(name), _without_marks(name.rsplit(".", 1)[-1])} if "[" in name else set()
+    return any(_without_marks(column) in spelt for column in columns)
+
+
+def _without_marks(name: str) -> str:
+    return re.sub(r"[\W_]+", "", name.lower())
 
 
 def _may_be(signal: Signal, column: Column) -> bool:
