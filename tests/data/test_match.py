@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from daest.data.match import clock_findings, match_columns, named_units, unitless_findings
+from daest.data.match import clock_findings, match_columns, named_units, propose_time, unitless_findings
 from daest.data.read import Signal, with_units
 from daest.data.table import (
     Column,
@@ -55,6 +55,13 @@ def test_elements_of_arrays_of_components_and_matrices():
     signals = [Signal("cell[1].T", "K"), Signal("cell[2].T", "K"), Signal("k[1,2]", "")]
     found = proposals(signals, "time", "k12", "cell2_T", "cell1.T")
     assert found == [("cell1.T", "similar name"), ("cell2_T", "similar name"), ("k12", "similar name")]
+
+
+def test_dates_are_the_time_beside_what_increases_too():
+    stamps = [f"21.11.2026 08:15:0{second}" for second in range(3)]
+    dates = Column("Datum Uhrzeit", None, np.full(3, np.nan), texts=tuple(enumerate(stamps)))
+    recording = Table("run.csv", (dates, Column("energy", "J", NUMBERS)), None)
+    assert propose_time(recording) == "Datum Uhrzeit"
 
 
 def test_unit_only_where_it_is_unambiguous():

@@ -53,15 +53,17 @@ _TIME_NAMES = ("t", "time", "zeit", "timestamp", "seconds", "sec", "elapsed")
 
 
 def propose_time(table: Table) -> str | None:
-    """A column for the time where none is called so: the one with a usual name, else the only one that
-    increases throughout. None where there is a time, or nothing to choose."""
+    """A column for the time where none is called so: the one with a usual name, else the one of dates, else
+    the only one that increases throughout. None where there is a time, or nothing to choose."""
     if any(time_unit(column) is not None for column in table.columns):
         return None
     rising = [
         c for c in map(with_seconds, table.columns) if c.values.size > 1 and np.all(np.diff(c.values) > 0)
     ]
     named = [c for c in rising if is_called_time(c.name)]
-    chosen = named or rising
+    of_text = {column.name for column in table.columns if column.texts}
+    dated = [c for c in rising if c.name in of_text]
+    chosen = named or dated or rising
     return chosen[0].name if len(chosen) == 1 else None
 
 
