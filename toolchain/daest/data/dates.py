@@ -5,8 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from datetime import datetime, timedelta
+from itertools import pairwise
 
 _ANY_DAY = "2000-01-01T"  # of clock times without a date
+_CLOCK = re.compile(r"\d{2}:")
+_DAY = timedelta(days=1)
 _WRITTEN = re.compile(
     r"(?P<a>\d{1,4})(?P<mark>[./-])(?P<b>\d{1,2})(?P=mark)(?P<c>\d{4}|\d{2})"
     r"(?:[ T,]+(?P<h>\d{1,2}):(?P<m>\d{2})(?::(?P<s>\d{2})(?:[.,](?P<f>\d{1,9}))?)?)?"
@@ -17,14 +20,17 @@ _WRITTEN = re.compile(
 def seconds_of(texts: Sequence[str]) -> list[float] | None:
     """Seconds from the first one, of dates or clock times: `2026-11-21 08:15:00.25`, `08:15:00`,
     `21.11.2026 08:15:00`, `11/21/2026 8:15:00 AM`. None where one is anything else, or where days and months
-    between slashes may be either and that matters.
+    between slashes may be either and that matters. A clock without a date that goes back by more than half a
+    day has passed midnight.
 
     Dates without a zone are taken as they stand.
     """
     stamps = [_iso(text) for text in texts]
     known = [stamp for stamp in stamps if stamp is not None]
     if known and len(known) == len(stamps):
-        return _from_first(known) if len({stamp.tzinfo is None for stamp in known}) == 1 else None
+        if len({stamp.tzinfo is None for stamp in known}) > 1:
+            return None
+        return _from_first(_past_midnight(known) if all(map(_CLOCK.match, texts)) else known)
     written = [found for text in texts if (found := _WRITTEN.fullmatch(text.strip()))]
     if not written or len(written) != len(texts):
         return None
@@ -40,6 +46,15 @@ def _iso(text: str) -> datetime | None:
         except ValueError:
             continue
     return None
+
+
+def _past_midnight(clock: Sequence[datetime]) -> list[datetime]:
+    """The times of a clock without a date, each on the day that it belongs to."""
+    found, days = [clock[0]], 0
+    for before, now in pairwise(clock):
+        days += before - now > _DAY / 2
+        found.append(now + days * _DAY)
+    return found
 
 
 def _orders(written: Sequence[re.Match[str]]) -> tuple[str, ...]:
