@@ -57,6 +57,12 @@ def test_elements_of_arrays_of_components_and_matrices():
     assert found == [("cell1.T", "similar name"), ("cell2_T", "similar name"), ("k12", "similar name")]
 
 
+def test_a_signal_that_ends_with_its_unit_is_a_column_without():
+    signals = [Signal("p1_bar", "bar"), Signal("p2_bar", "bar"), Signal("q_deg", "deg")]
+    found = proposals(signals, "time", "p2 / bar", "p1 [bar]", "q [deg/s]", "x [bar]")
+    assert found == [("p1", "similar name"), ("p2", "similar name"), (None, None)]
+
+
 def test_dates_are_the_time_beside_what_increases_too():
     stamps = [f"21.11.2026 08:15:0{second}" for second in range(3)]
     dates = Column("Datum Uhrzeit", None, np.full(3, np.nan), texts=tuple(enumerate(stamps)))

@@ -21,7 +21,7 @@ from daest.data.table import (
     with_seconds,
 )
 from daest.model.experiment import Finding
-from daest.quantities import converts, is_temperature, may_count_turns
+from daest.quantities import converts, is_known_unit, is_temperature, may_count_turns
 
 How = Literal[
     "name",
@@ -206,7 +206,7 @@ def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) ->
     if how in ("similar name", "name of what it equals"):
         names = {column.name.lower(), column.name.rsplit("_", 1)[0].lower(), stem(column).lower()}
         is_same = signal.name.lower() in names or signal.name.rsplit(".", 1)[-1].lower() in names
-        is_same = is_same or _is_element(signal.name, names)
+        is_same = is_same or _is_element(signal.name, names) or _is_without_unit(signal, column)
         return is_same and (how == "similar name" or _may_be(signal, column))
     if how == "part of its name":
         is_part = _words(signal.name.rsplit(".", 1)[-1]) <= _words(stem(column))
@@ -220,6 +220,14 @@ def _is_element(name: str, columns: set[str]) -> bool:
     units: `T1`, `T_1`."""
     spelt = {_without_marks(name), _without_marks(name.rsplit(".", 1)[-1])} if "[" in name else set()
     return any(_without_marks(column) in spelt for column in columns)
+
+
+def _is_without_unit(signal: Signal, column: Column) -> bool:
+    """Whether a signal whose name ends with its unit, `p1_bar`, is a column of such a unit called without it,
+    `p1 [bar]`."""
+    name, _, unit = signal.name.rpartition("_")
+    is_unit = is_known_unit(unit) and _same_kind(unit, signal.unit)
+    return is_unit and name.lower() == stem(column).lower() and _may_be(signal, column)
 
 
 def _without_marks(name: str) -> str:
