@@ -121,6 +121,16 @@ def test_missing_values_have_several_spellings(tmp_path):
         ("2026-11-21T08:00:00", "2026-11-21T08:00:00.5", "2026-11-21T08:00:01.5", "2026-11-21T08:00:02"),
         ("2026-11-21 23:59:59Z", "2026-11-21 23:59:59.5Z", "2026-11-22 00:00:00.5Z", "2026-11-22 00:00:01Z"),
         ("08:00:00", "08:00:00.5", "08:00:01.5", "08:00:02"),
+        ("23:59:59", "23:59:59.5", "00:00:00.5", "00:00:01"),
+        ("31.12.2026 23:59:59", "31.12.2026 23:59:59.5", "1.1.2027 0:00:00.5", "1.1.2027 0:00:01"),
+        (
+            "3/9/2026 11:59:59 AM",
+            "3/9/2026 11:59:59.5 AM",
+            "3/9/2026 12:00:00.5 PM",
+            "3/9/2026 12:00:01 p.m.",
+        ),
+        ("02/28/26 23:59:59", "02/28/26 23:59:59.5", "03/01/26 0:00:00.5", "03/01/26 0:00:01"),
+        ("2026/11/21 08:00:00", "2026/11/21 08:00:00.5", "2026/11/21 08:00:01.5", "2026/11/21 08:00:02"),
     ],
 )
 def test_dates_are_times(tmp_path, stamps):
@@ -128,6 +138,14 @@ def test_dates_are_times(tmp_path, stamps):
     values = zip(stamps, U, PHI, strict=True)
     path.write_text("time,u,phi [deg]\n" + "".join(f"{t},{u},{y}\n" for t, u, y in values))
     assert_plain(read(path))
+
+
+def test_days_and_months_that_may_be_either_are_refused(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("time,u,phi [deg]\n1/2/2026,1,1\n1/3/2026,1,1\n1/4/2026,1,1\n")
+    with pytest.raises(DataError) as caught:
+        read(path)
+    assert "dates such as 2026-11-21 08:15:00" in str(caught.value)
 
 
 def test_the_time_may_have_another_name(tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from daest.data.match import clock_findings, match_columns, named_units, unitless_findings
+from daest.data.match import clock_findings, match_columns, named_units, propose_time, unitless_findings
 from daest.data.read import Signal, with_units
 from daest.data.table import (
     Column,
@@ -39,6 +39,35 @@ def test_case_trailing_unit_and_last_part_of_the_name():
     signals = [Signal("force", "N"), Signal("position", "m"), Signal("disc.phi", "rad")]
     found = proposals(signals, "time_s", "Force", "position_m", "phi")
     assert found == [("Force", "similar name"), ("position_m", "similar name"), ("phi", "similar name")]
+
+
+@pytest.mark.parametrize("form", ["T{} [kN]", "T_{} [kN]", "t {}", "T{}_kN"])
+def test_elements_of_arrays_as_tables_write_them(form):
+    signals = [Signal(f"T[{i}]", "kN") for i in (1, 2, 11)]
+    headers = [form.format(i) for i in (11, 1, 2)]
+    found = match_columns(signals, table("time", *headers))
+    columns = [table(header).columns[0].name for header in headers]
+    assert [match.column for match in found] == [columns[1], columns[2], columns[0]]
+    assert {match.how for match in found} == {"similar name"}
+
+
+def test_elements_of_arrays_of_components_and_matrices():
+    signals = [Signal("cell[1].T", "K"), Signal("cell[2].T", "K"), Signal("k[1,2]", "")]
+    found = proposals(signals, "time", "k12", "cell2_T", "cell1.T")
+    assert found == [("cell1.T", "similar name"), ("cell2_T", "similar name"), ("k12", "similar name")]
+
+
+def test_a_signal_that_ends_with_its_unit_is_a_column_without():
+    signals = [Signal("p1_bar", "bar"), Signal("p2_bar", "bar"), Signal("q_deg", "deg")]
+    found = proposals(signals, "time", "p2 / bar", "p1 [bar]", "q [deg/s]", "x [bar]")
+    assert found == [("p1", "similar name"), ("p2", "similar name"), (None, None)]
+
+
+def test_dates_are_the_time_beside_what_increases_too():
+    stamps = [f"21.11.2026 08:15:0{second}" for second in range(3)]
+    dates = Column("Datum Uhrzeit", None, np.full(3, np.nan), texts=tuple(enumerate(stamps)))
+    recording = Table("run.csv", (dates, Column("energy", "J", NUMBERS)), None)
+    assert propose_time(recording) == "Datum Uhrzeit"
 
 
 def test_unit_only_where_it_is_unambiguous():

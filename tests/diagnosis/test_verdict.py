@@ -702,6 +702,16 @@ def test_law_that_the_data_do_not_show_is_neither_the_nearest_nor_told_to_forese
     assert "nearest" in decide(replace(known, rest=replace(known.rest, against_form=against))).message
 
 
+@pytest.mark.parametrize(("simulated", "is_small"), [(0.4, False), (0.95, True)])
+def test_only_what_no_law_simulates_better_is_called_small_beside_noise(simulated, is_small):
+    """A dead time and a store of heat, each refused for what the other leaves, had been called small beside
+    the noise, of which they were the sixtyfold."""
+    refused = replace(proof(verdict="rejected", simulated=simulated), is_known=False)
+    found = decide(evidence(proofs=[refused]))
+    assert found.name == "cannot tell" and "do not prove what" in found.message
+    assert ("effect is small" in found.next_experiment) == is_small
+
+
 def test_a_law_that_explains_little_beside_a_rejected_one_is_not_what_is_missing():
     """A stop is no hardening spring, though it passes every gate, where a part of a sine does far better."""
     other = replace(proof("QuadraticDrag", "rejected", 0.1), delta_bic=400.0)

@@ -226,6 +226,20 @@ def test_own_connectors_of_arrays_are_joined(tmp_path) -> None:
     )
 
 
+@pytest.mark.parametrize("inputs", [{"u": "T_room"}, {}])
+def test_a_recorded_signal_is_one_input_of_all_parts(tmp_path, inputs) -> None:
+    file = tmp_path / "Plate.mo"
+    file.write_text(PLATE)
+    flat, effect = compile_model(file, "Plate.Cells"), find_effect("Thermal.MeasuredSurroundings")
+    site = find_site(flat, "each cell[i].port", effect)
+    made = extend_model(file, "Plate.Cells", effect, site, inputs=inputs)
+    (new,) = set(made.flat.input_names) - set(flat.input_names)
+    assert new == inputs.get("u", "measuredSurroundings_u")
+    merged = attach(flat, effect, site, inputs=inputs)
+    assert merged.input_names == made.flat.input_names
+    assert characteristic(made.flat) == pytest.approx(characteristic(merged), rel=1e-6)
+
+
 def test_a_law_is_there_already_where_any_part_has_it() -> None:
     flat, effect = compiled(PIPE, "Pipe"), find_effect("Thermal.HeatLoss")
     grown = attach(flat, effect, find_site(flat, "T[2]", effect))

@@ -21,7 +21,7 @@ from daest.data.table import (
     with_seconds,
 )
 from daest.model.experiment import Finding
-from daest.quantities import converts, is_temperature, may_count_turns
+from daest.quantities import converts, is_known_unit, is_temperature, may_count_turns
 
 How = Literal[
     "name",
@@ -53,15 +53,17 @@ _TIME_NAMES = ("t", "time", "zeit", "timestamp", "seconds", "sec", "elapsed")
 
 
 def propose_time(table: Table) -> str | None:
-    """A column for the time where none is called so: the one with a usual name, else the only one that
-    increases throughout. None where there is a time, or nothing to choose."""
+    """A column for the time where none is called so: the one with a usual name, else the one of dates, else
+    the only one that increases throughout. None where there is a time, or nothing to choose."""
     if any(time_unit(column) is not None for column in table.columns):
         return None
     rising = [
         c for c in map(with_seconds, table.columns) if c.values.size > 1 and np.all(np.diff(c.values) > 0)
     ]
     named = [c for c in rising if is_called_time(c.name)]
-    chosen = named or rising
+    of_text = {column.name for column in table.columns if column.texts}
+    dated = [c for c in rising if c.name in of_text]
+    chosen = named or dated or rising
     return chosen[0].name if len(chosen) == 1 else None
 
 
@@ -204,12 +206,32 @@ def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) ->
     if how in ("similar name", "name of what it equals"):
         names = {column.name.lower(), column.name.rsplit("_", 1)[0].lower(), stem(column).lower()}
         is_same = signal.name.lower() in names or signal.name.rsplit(".", 1)[-1].lower() in names
+        is_same = is_same or _is_element(signal.name, names) or _is_without_unit(signal, column)
         return is_same and (how == "similar name" or _may_be(signal, column))
     if how == "part of its name":
         is_part = _words(signal.name.rsplit(".", 1)[-1]) <= _words(stem(column))
         return is_part and _may_be(signal, column)
     rivals = [other for other in others if other is not signal and _same_kind(other.unit, signal.unit)]
     return not rivals and bool(signal.unit) and _same_kind(_told_unit(column, signal), signal.unit)
+
+
+def _is_element(name: str, columns: set[str]) -> bool:
+    """Whether `name` has an index, `T[1]`, and one of `columns` is it as tables write it, where brackets hold
+    units: `T1`, `T_1`."""
+    spelt = {_without_marks(name), _without_marks(name.rsplit(".", 1)[-1])} if "[" in name else set()
+    return any(_without_marks(column) in spelt for column in columns)
+
+
+def _is_without_unit(signal: Signal, column: Column) -> bool:
+    """Whether a signal whose name ends with its unit, `p1_bar`, is a column of such a unit called without it,
+    `p1 [bar]`."""
+    name, _, unit = signal.name.rpartition("_")
+    is_unit = is_known_unit(unit) and _same_kind(unit, signal.unit)
+    return is_unit and name.lower() == stem(column).lower() and _may_be(signal, column)
+
+
+def _without_marks(name: str) -> str:
+    return re.sub(r"[\W_]+", "", name.lower())
 
 
 def _may_be(signal: Signal, column: Column) -> bool:

@@ -38,6 +38,8 @@ MOST_NAMED = 8  # recordings of a folder that a message lists
 
 _FEWEST_ROWS = 2
 _TEXTS_SHOWN = 3  # of one column; the rest is counted
+_NUMBERS = "write numbers with a decimal point; leave the cell empty if the value is missing"
+_TIME_FORMS = "write all times as numbers with a decimal point, or as dates such as 2026-11-21 08:15:00"
 
 
 @dataclass(frozen=True)
@@ -333,7 +335,7 @@ def _time_column(table: Table) -> Column:
 
 
 def _time_problems(table: Table, column: Column) -> list[DataError]:
-    problems = _text_problems(table, column)
+    problems = _text_problems(table, column, _TIME_FORMS)
     unreadable = {row for row, _ in column.texts}
     gaps = [int(row) for row in np.nonzero(~np.isfinite(column.values))[0] if int(row) not in unreadable]
     for row in gaps[:_TEXTS_SHOWN]:
@@ -476,7 +478,7 @@ def _no_output(table: Table, outputs: Sequence[Signal]) -> DataError:
     )
 
 
-def _text_problems(table: Table, column: Column) -> list[DataError]:
+def _text_problems(table: Table, column: Column, remedy: str = _NUMBERS) -> list[DataError]:
     problems = []
     for row, text in column.texts[:_TEXTS_SHOWN]:
         more = len(column.texts) - _TEXTS_SHOWN
@@ -487,7 +489,7 @@ def _text_problems(table: Table, column: Column) -> list[DataError]:
                 f"column '{column.header}' holds the text '{text}' where a number is expected"
                 + (f" (and {more} more such cells)" if last else ""),
                 where=table.place(row, column),
-                remedy="write numbers with a decimal point; leave the cell empty if the value is missing",
+                remedy=remedy,
             )
         )
     return problems

@@ -10,12 +10,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from daest.data.dates import seconds_of
 from daest.errors import DaestError, DataError, Place
 from daest.quantities import conversion, converts, dimensions, is_known_unit
 
@@ -249,7 +249,6 @@ def _indented(problem: DaestError) -> str:
     return "\n".join("  " + line for line in str(problem).splitlines())
 
 
-_ANY_DAY = "2000-01-01T"  # of clock times without a date
 # Seconds since 1970 of the years 2001 and 2100: numbers between them, or a thousand, a million or a milliard
 # times as large, are dates, and tell their unit.
 _EPOCH = (978_307_200.0, 4_102_444_800.0)
@@ -309,28 +308,15 @@ def unit_findings(column: Column) -> list[Finding]:
 
 
 def with_seconds(column: Column) -> Column:
-    """The column with dates (`2026-11-21 08:15:00.25`) or clock times turned into seconds from the first row.
+    """The column with dates or clock times (`dates.seconds_of`) turned into seconds from the first row.
 
     A column that holds anything else, numbers too, is returned as it is. Dates without a zone are taken as
     they stand: a change to summer time in between shows as a jump of the clock.
     """
     if not column.texts or len(column.texts) != column.values.size:
         return column
-    stamps = [_stamp(text) for _, text in column.texts]
-    known = [stamp for stamp in stamps if stamp is not None]
-    if len(known) != len(stamps) or len({stamp.tzinfo is None for stamp in known}) > 1:
-        return column
-    seconds = np.array([(stamp - known[0]).total_seconds() for stamp in known])
-    return replace(column, values=seconds, texts=(), unit="s")
-
-
-def _stamp(text: str) -> datetime | None:
-    for form in (text, f"{_ANY_DAY}{text}"):
-        try:
-            return datetime.fromisoformat(form)
-        except ValueError:
-            continue
-    return None
+    seconds = seconds_of([text for _, text in column.texts])
+    return column if seconds is None else replace(column, values=np.array(seconds), texts=(), unit="s")
 
 
 DATES = "mM"  # numpy kinds of dates and durations

@@ -22,6 +22,14 @@ WIDER_BAND = (
     "Excite the machine over a wider band of frequencies, and measure another quantity between input and "
     "output."
 )
+LONGER = (
+    "Record longer and with larger amplitudes: the effect is small beside the noise and the loads of this "
+    "record."
+)
+SEVERAL = (
+    "More than one effect may be missing, each in the way of the other: put in what is known to be there "
+    "(daest extend), and diagnose again. Else record longer, and with larger amplitudes."
+)
 OTHER_AMPLITUDES = "Excite the inputs at other amplitudes and speeds, where these laws differ."
 FROM_ELSEWHERE = {  # what to do instead where the model has no input
     WIDER_BAND: "Begin from other states, and measure another quantity besides: no input drives the model.",

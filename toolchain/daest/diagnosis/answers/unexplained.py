@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from daest.diagnosis.answers.decided import (
+    LONGER,
+    SEVERAL,
     WIDER_BAND,
     Decided,
     Evidence,
@@ -16,6 +18,7 @@ from daest.diagnosis.answers.decided import (
     foreseen_by,
     listed,
     reasons_told,
+    told_fits,
 )
 from daest.diagnosis.answers.told_laws import errors_told, importance_told
 from daest.diagnosis.evidence.driven_errors import are_driven
@@ -33,7 +36,7 @@ from daest.model.diagnosis import (
     PlaceGain,
     Proof,
 )
-from daest.model.fit import FitResult
+from daest.model.fit import FitResult, error_ratios
 from daest.model.flat import FlatModel
 from daest.numerics.statistics import whiteness_p_value
 from daest.quantities import spoken_duration
@@ -270,9 +273,16 @@ def _not_proven(evidence: Evidence, near: list[Proof]) -> Decided:
         "cannot tell",
         f"Something is missing (p = {evidence.screen.p_value:.1g} for the whole search), but these data do "
         f"not prove what. {reasons_told(near)}.",
-        "Record longer and with larger amplitudes: the effect is small beside the noise and the loads of "
-        "this record.",
+        SEVERAL if any(_foresees_an_output(evidence, p) for p in near) else LONGER,
     )
+
+
+def _foresees_an_output(evidence: Evidence, proof: Proof) -> bool:
+    """Whether a simulation of unseen data with the law is far better in one output, so that what is missing
+    is not small beside noise: of two effects each makes one better, and is refused for what the other
+    leaves."""
+    before, after = told_fits(evidence, proof)
+    return min(error_ratios(before.simulated, after.simulated), default=np.inf) < GATES.max_told_ratio
 
 
 def _has_unexpected_load(loads: Loads) -> bool:

@@ -103,9 +103,11 @@ def free_name(base: str, taken: Iterable[str]) -> str:
 
 def one_by_one(placement: Placement, taken: Collection[str]) -> list[Placement]:
     """The placement, at equal places the one at each of them: under its name the first, the others under free
-    names with the number of their part."""
+    names with the number of their part, with the same signals."""
     if not placement.site.parts:
         return [placement]
+    made = {signal: f"{placement.name}_{signal}" for signal in placement.effect.inputs}
+    placement = replace(placement, inputs={**made, **placement.inputs})
     first, *others = placement.site.parts
     found, known = [replace(placement, site=first)], {*taken, placement.name}
     for number, part in enumerate(others, 2):

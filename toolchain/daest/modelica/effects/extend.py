@@ -213,11 +213,12 @@ def extend_model(
     placement = Placement(effect, site, component, values or {}, inputs or {}, input_units or {})
     draft = _Draft(*_changes(parameters or {}, original))
     units = units_at(flat, effect, site, inputs=placement.inputs)
+    supplied_inputs = {x.name: x.unit for x in flat.inputs}
     for one in one_by_one(placement, names_of(flat)):
         shared = component if one.name != component else ""
         draft.declarations.append(_declaration(one, units, held, shared))
         if not effect.is_of_variable:
-            _supply(draft, one, flat)
+            supplied_inputs = _supply(draft, one, supplied_inputs)
         original = _connect(draft, one, original)
     own_name = _class_name(original, effect.name, new_name)
     place = f"in {site.aliases[0]}" if site.kind == "equation" else f"at {site.name}"
@@ -519,9 +520,10 @@ def _array(name: str, values: Sequence[float]) -> str:
 # Connections ------------------------------------------------------------------------------------------------
 
 
-def _supply(draft: _Draft, placement: Placement, flat: FlatModel) -> None:
-    """Inputs of the new model for the effect's signals, where the model has none of that name."""
-    known = {x.name: x.unit for x in flat.inputs}
+def _supply(draft: _Draft, placement: Placement, inputs: Mapping[str, str]) -> dict[str, str]:
+    """Inputs of the new model for the effect's signals, where none of `inputs` (units by name) has that name:
+    those with the new ones."""
+    known = dict(inputs)
     signals = {x.name: x for x in effect_model(placement.effect).unknowns}
     for name in placement.effect.inputs:
         wanted = placement.inputs.get(name, f"{placement.name}_{name}")
@@ -536,6 +538,7 @@ def _supply(draft: _Draft, placement: Placement, flat: FlatModel) -> None:
             draft.connect(wanted, f"{placement.name}.{name}")
         else:
             draft.equations.append(f"{placement.name}.{name} = {converted_text(wanted, change)};")
+    return known
 
 
 def _connect(draft: _Draft, placement: Placement, original: _Original) -> _Original:
