@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 
 from daest.diagnosis.built_in.trials import prepare, trials
 from daest.diagnosis.evidence.ranking import could_compete
+from daest.diagnosis.evidence.rival_laws import may_be_of_the_kink
 from daest.diagnosis.null_model.null import fit_null
 from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.refits.dynamic_fits import best_dynamic, best_simulation, dynamic_fits
@@ -317,6 +318,21 @@ def test_simple_law_is_tried_from_a_rich_one_that_is_partly_unknown():
     assert start[f"{simple.trial.candidate.name}.tau_c"] == proof.fit.theta[f"{proof.candidate.name}.tau_c"]
     certain = replace(proof.fit, parameters=tuple(replace(p, std_error=1e-9) for p in proof.fit.parameters))
     assert reduced_laws(rubbing().null, replace(proof, fit=certain), found) == []
+
+
+def test_simple_law_is_tried_from_a_rich_one_that_says_how_its_kink_is():
+    """A bump at rest that is narrower than the sign is rounded, however certain it is: of a pneumatic axis the
+    search of plain friction had lost its way, and friction in one direction was taken for it."""
+    found, _, proof = proved("StribeckFriction")
+    name = proof.candidate.name
+    theta = {**proof.fit.theta, f"{name}.w_st": 0.5 * proof.fit.theta[f"{name}.w_s"]}
+    certain = tuple(replace(p, std_error=1e-9) for p in proof.fit.parameters)
+    narrow = replace(proof, fit=replace(proof.fit, theta=theta, parameters=certain), final=None)
+    (simple,) = reduced_laws(rubbing().null, narrow, found)
+    assert simple.trial.candidate.effect.name == "CoulombFriction"
+    assert may_be_of_the_kink(narrow, simple.trial.candidate)
+    (one_sided,) = some_effects("AsymmetricFriction")
+    assert not may_be_of_the_kink(narrow, replace(simple.trial.candidate, effect=one_sided))
 
 
 def test_of_laws_for_the_same_the_simplest_goes_first():

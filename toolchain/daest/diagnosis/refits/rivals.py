@@ -19,6 +19,7 @@ from daest.diagnosis.evidence.law_values import errors_last
 from daest.diagnosis.evidence.proof import bic_gain
 from daest.diagnosis.evidence.ranking import most_likely
 from daest.diagnosis.evidence.reasons import NO_BEND, STRAIGHT, TURNS_BACK, unseen_scales
+from daest.diagnosis.evidence.rival_laws import may_be_of_the_kink
 from daest.diagnosis.evidence.same_laws import is_linear_law
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null
@@ -518,14 +519,17 @@ def _has_shapes(one: Candidate) -> bool:
 
 def reduced_laws(null: Null, best: Proof, screen: Screen) -> list[Prepared]:
     """Laws with fewer parameters at the place of `best`, from its estimates, where the data leave one of its
-    own undetermined: a search of a simpler law from the screen may have ended elsewhere."""
+    own undetermined, or it may say no more than how their kink is: a search of a simpler law from the screen
+    may have ended elsewhere."""
     rich = best.candidate
     own = {p.name: p for p in best.fit.parameters if p.name in rich.estimated}
     known = [p for p in own.values() if p.std_error and abs(p.value) > GATES.min_significance * p.std_error]
     size = own.get(f"{rich.name}.{rich.effect.sizes[0].name}")
-    if size is None or len(known) == len(own):
+    if size is None:
         return []
-    simple = [entry.candidate for entry in _simpler_ones(rich, screen)]
+    is_open = len(known) < len(own)
+    simpler = [entry.candidate for entry in _simpler_ones(rich, screen)]
+    simple = [one for one in simpler if is_open or may_be_of_the_kink(best, one)]
     found = [_in_place(null, best, candidate, size.value) for candidate in simple]
     return [prepared for prepared in found if prepared is not None][:MOST_SIMPLER]
 
