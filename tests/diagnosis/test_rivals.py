@@ -321,8 +321,8 @@ def test_simple_law_is_tried_from_a_rich_one_that_is_partly_unknown():
 
 
 def test_simple_law_is_tried_from_a_rich_one_that_says_how_its_kink_is():
-    """A bump at rest that is narrower than the sign is rounded, however certain it is: of a pneumatic axis the
-    search of plain friction had lost its way, and friction in one direction was taken for it."""
+    """A bump at rest that is narrower than the sign is rounded, however certain it is: of a pneumatic axis
+    the search of plain friction had lost its way, and friction in one direction was taken for it."""
     found, _, proof = proved("StribeckFriction")
     name = proof.candidate.name
     theta = {**proof.fit.theta, f"{name}.w_st": 0.5 * proof.fit.theta[f"{name}.w_s"]}
