@@ -518,6 +518,14 @@ def test_coloured_innovations_that_nothing_drives_are_a_disturbance(monkeypatch,
     assert found.is_by_colour
 
 
+@pytest.mark.parametrize("simulated, name", [(1.0, "external disturbance"), (0.8, "unknown effect")])
+def test_what_a_law_simulates_better_is_no_disturbance(monkeypatch, simulated, name):
+    """The drag of a fan behind slow noise of the sensors: refused beside loads, it simulates better."""
+    monkeypatch.setattr(Loads, "are_driven", False)
+    law = proof("QuadraticDrag", "rejected", simulated)
+    assert decide(evidence(proofs=[law], innovations=COLOURED, p_value=0.5)).name == name
+
+
 def test_lags_too_short_to_be_told_apart_say_that_something_fast_is_missing():
     refused = replace(proof(verdict="rejected"), is_any_dynamics=True, reason="it is short")
     found = decide(evidence(proofs=[refused], related=True))

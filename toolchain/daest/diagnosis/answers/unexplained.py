@@ -217,8 +217,10 @@ def _dynamic(evidence: Evidence, loads: Loads) -> Decided:
 
 def _is_undriven(evidence: Evidence, loads: Loads) -> bool:
     """Whether errors that last are none of dynamics that the model lacks: nothing that moves it tells them,
-    and no effect of the library does."""
-    return evidence.screen.p_value >= GATES.missing_level and loads.are_driven is False
+    and no effect of the library does, or makes a simulation of unseen data clearly better."""
+    if evidence.screen.p_value < GATES.missing_level or loads.are_driven is not False:
+        return False
+    return not any(error_ratio(evidence, p) < GATES.max_clear_ratio for p in evidence.proofs)
 
 
 def _undriven(evidence: Evidence, loads: Loads) -> Decided:
