@@ -273,3 +273,34 @@ def test_an_effect_at_a_potential_that_is_written_out(
     assert np.ptp(courses[0]) > 0.1
     np.testing.assert_allclose(courses[1], courses[0], rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(courses[2], courses[0], rtol=1e-5, atol=1e-7)
+
+
+MOTOR = """\
+model Motor
+  parameter Real R(unit = "Ohm") = 2, L(unit = "H") = 0.5, k(unit = "N.m/A") = 0.3;
+  parameter Real J(unit = "kg.m2") = 0.01, d(unit = "N.m.s/rad") = 0.02;
+  input Real u(unit = "V");
+  output Real y(unit = "rad/s");
+  Real w(unit = "rad/s", start = 0), psi(unit = "{unit}", start = 0);
+equation
+  der(psi) = u - R*{current} - k*w;
+  J*der(w) = k*{current} - d*w;
+  y = w;
+end Motor;
+"""
+
+
+def test_a_flux_over_an_inductance_is_the_current_of_a_mesh(tmp_path: Path) -> None:
+    flat = compiled(tmp_path, MOTOR.format(unit="Wb", current="psi/L"))
+    usual = MOTOR.format(unit="A", current="psi").replace("der(psi)", "L*der(psi)").replace("Motor", "Usual")
+    effect, values = find_effect("Electrical.BrushVoltageDrop"), {"V_b": 1.5, "i_s": 0.1}
+    site = find_site(flat, "0:psi/L", effect)
+    written = extend_model(tmp_path / "Motor.mo", "Motor", effect, site, values=values).flat
+    inputs = np.linspace(0.0, 2.0, 21), np.full((21, 1), 5.0)
+    plain = compiled(tmp_path, usual)
+    beside = attach(plain, effect, find_site(plain, "0:psi", effect), values=values)
+    models = attach(flat, effect, site, values=values), written, beside
+    courses = [simulate(one, inputs).outputs for one in models]
+    assert np.ptp(courses[0]) > 0.1
+    np.testing.assert_allclose(courses[1], courses[0], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(courses[2], courses[0], rtol=1e-5, atol=1e-7)

@@ -15,7 +15,7 @@ from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.model.parts import Variable
 from daest.modelica.flat.connectors import FLOWS, LEVEL, connectors_of, outside_of_term
-from daest.modelica.places.written_out import potential, written_out
+from daest.modelica.places.written_out import FLUX, potential, written_out
 from daest.numerics.matching import maximum_matching
 from daest.quantities import Conversion, conversion, converts, dimensions, is_of, parse_unit
 
@@ -229,7 +229,7 @@ def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
     by_inputs = ca.which_depends(flat.residual, flat.u, 1, True) if flat.u.numel() else []
     unmoved = [row for row in rows if not (by_inputs and by_inputs[row])]
     stores = {} if everywhere else _stores(flat, slopes, unmoved)
-    ratios = {} if everywhere else written_out(flat, slopes, stores)
+    ratios = {} if everywhere else _ratios(flat, slopes, stores)
     scaled = _in_potentials(flat, slopes, ratios)
     rates, definitions = _rates(scaled, unmoved, _own_unknowns(flat), {*stores, *ratios})
     positions = {rate: variable for variable, rate in rates.items()}
@@ -251,6 +251,13 @@ def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
     readings = _readings(slopes)
     moved = {one.variable for one in found if one.row not in readings}
     return _of_own_rows([one for one in found if one.row not in readings or one.variable not in moved])
+
+
+def _ratios(flat: FlatModel, slopes: np.ndarray, stores: Container[int]) -> dict[int, int]:
+    """What is stored and the parameter over which its potential is written out, but for fluxes, whose
+    equations are meshes."""
+    found = written_out(flat, slopes, stores)
+    return {i: k for i, k in found.items() if not is_of(flat.unknowns[i].unit, FLUX)}
 
 
 def _in_potentials(flat: FlatModel, slopes: np.ndarray, ratios: Mapping[int, int]) -> np.ndarray:

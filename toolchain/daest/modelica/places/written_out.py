@@ -10,19 +10,20 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.model.parts import Variable
 from daest.modelica.flat.connectors import FLOWS, LEVEL
 from daest.quantities import converts, dimensions, in_base_units, is_of
 
-# Units of the potential of what is stored as a flow of the domain times time; the first is that of the laws.
-_POTENTIALS: dict[Domain, tuple[str, ...]] = {
-    "translational": ("m/s",),
-    "rotational": ("rad/s",),
-    "thermal": ("K",),
-    "hydraulic": ("Pa", LEVEL),
-    "electrical": ("V",),
+FLUX = "Wb"
+# Unit of the rate of what is stored, and those that its potential may have; the current of a flux is as one.
+_POTENTIALS = {
+    FLOWS["translational"]: ("m/s",),
+    FLOWS["rotational"]: ("rad/s",),
+    FLOWS["thermal"]: ("K",),
+    FLOWS["hydraulic"]: ("Pa", LEVEL),
+    FLOWS["electrical"]: ("V",),
+    f"{FLUX}/s": ("A",),
 }
 _TEMPERATURES = ("K", "degC")
 _TOLERANCE = 1e-9  # relative, of numbers that rounding alone makes differ
@@ -68,18 +69,18 @@ def potential(flat: FlatModel, stored: int, parameter: int) -> Variable:
 
 
 def potential_unit(flat: FlatModel, stored: int, parameter: int) -> str:
-    """The unit of the unknown `stored` over the `parameter` where that is a potential of the domain in whose
-    flow the first is stored, in the unit of the laws; empty where it is none."""
+    """The unit of the unknown `stored` over the `parameter` where that is a potential beside the flow in
+    which the first is stored, or the current of a flux; empty where it is none."""
     unit, over = flat.unknowns[stored].unit, flat.parameters[parameter].unit
-    domain = next((d for d in _POTENTIALS if unit and over and is_of(f"({unit})/s", FLOWS[d])), None)
-    if domain is None:
+    flow = next((one for one in _POTENTIALS if unit and over and is_of(f"({unit})/s", one)), None)
+    if flow is None:
         return ""
     ratio = dimensions(f"({unit})/({over})")
-    found = next((one for one in _POTENTIALS[domain] if dimensions(one) == ratio), "")
+    found = next((one for one in _POTENTIALS[flow] if dimensions(one) == ratio), "")
     is_to_scale = bool(found) and np.isclose(in_base_units(unit), in_base_units(over), rtol=_TOLERANCE)
     if not is_to_scale:
         return ""
-    return _temperature(flat) if domain == "thermal" else found
+    return _temperature(flat) if found == "K" else found
 
 
 def _temperature(flat: FlatModel) -> str:
