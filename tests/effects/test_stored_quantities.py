@@ -5,15 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 
 import casadi as ca
+import numpy as np
 import pytest
 
 from daest import compile_model
 from daest.model.flat import FlatModel
 from daest.modelica.effects.attach import attach
 from daest.modelica.effects.catalogue import find_effect
+from daest.modelica.effects.extend import extend_model
 from daest.modelica.places.balances import balances, temperatures
+from daest.modelica.places.internal_forces import internal_forces
 from daest.modelica.places.place_units import flow_factor
 from daest.modelica.places.sites import find_site, sites
+from daest.systems.simulation.simulate import simulate
 
 CIRCUIT = """\
 model Circuit
@@ -160,3 +164,143 @@ def test_a_sensor_of_a_position_stores_nothing(tmp_path: Path) -> None:
     text = BODY.format(unit="").replace(", p;", ', a(unit = "V");').replace("p = m*v;", "a = 5*s;")
     flat = compiled(tmp_path, text.replace("der(p)", "m*der(v)"))
     assert [domain for _, domain, _ in told(flat)] == ["translational"]
+
+
+WRITTEN_OUT = """\
+model Train
+  parameter Real J1(unit = "kg.m2") = 0.5, J2(unit = "kg.m2") = 2, n = 3;
+  parameter Real c(unit = "N.m/rad") = 40, d(unit = "N.m.s/rad") = 1.5;
+  input Real tau(unit = "N.m");
+  output Real y(unit = "rad");
+  Real L1(unit = "N.m.s", start = 0), L2(unit = "N.m.s", start = 0), p1(unit = "rad", start = 0),
+    p2(unit = "rad", start = 0);
+equation
+  der(L1) = tau - (c*(p1/n - p2) + d*(L1/J1/n - L2/J2))/n;
+  der(L2) = c*(p1/n - p2) + d*(L1/J1/n - L2/J2);
+  der(p1) = L1/J1;
+  der(p2) = L2/J2;
+  y = p2;
+end Train;
+"""
+IN_SPEEDS = (
+    WRITTEN_OUT.replace("L1/J1", "w1")
+    .replace("L2/J2", "w2")
+    .replace("Train", "Usual")
+    .replace("der(L1)", "J1*der(w1)")
+    .replace("der(L2)", "J2*der(w2)")
+    .replace('L1(unit = "N.m.s"', 'w1(unit = "rad/s"')
+    .replace('L2(unit = "N.m.s"', 'w2(unit = "rad/s"')
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (WRITTEN_OUT, [("0:L1/J1", "rotational", 1.0), ("1:L2/J2", "rotational", 1.0)]),
+        (
+            BODY.format(unit='(unit = "kg.m/s")')
+            .replace(', v(unit = "m/s")', "")
+            .replace("  p = m*v;\n", "")
+            .replace("der(s) = v", "der(s) = p/m")
+            .replace("d*v", "d*p/m - 9.81*m"),
+            [("1:p/m", "translational", 1.0)],
+        ),
+        (
+            CIRCUIT.format(declared='Real Q(unit = "C");', equations="der(Q) = (u - Q/C)/R; v = Q/C;"),
+            [("0:v", "electrical", 1.0)],
+        ),
+        (
+            CIRCUIT.format(declared='Real Q(unit = "C");', equations="der(Q) = (u - Q/C)/R;")
+            .replace('Real v(unit = "V");', "")
+            .replace("y = v", "y = Q/C"),
+            [("0:Q/C", "electrical", 1.0)],
+        ),
+        (
+            BLOCK.format(out="K", state='E(unit = "J")', equations="der(E) = P - G*(E/C - 293.15); y = E/C;"),
+            [("0:E/C", "thermal", 1.0)],
+        ),
+        (
+            VESSEL.format(unit="m3", factor="1", law="p = 9810*y")
+            .replace("y(unit", "h(unit")
+            .replace('output Real h(unit = "Pa")', 'output Real y(unit = "m") = x/A')
+            .replace("  y = p;\n", ""),
+            [("0:x/A", "hydraulic", 1.0)],
+        ),
+    ],
+    ids=["gear", "body", "variable", "charge", "heat", "level"],
+)
+def test_a_potential_that_is_written_out_is_balanced(
+    tmp_path: Path, text: str, expected: list[tuple[str, str, float]]
+) -> None:
+    assert told(compiled(tmp_path, text)) == expected
+
+
+def test_a_potential_that_is_written_out_has_a_position_and_forces(tmp_path: Path) -> None:
+    flat = compiled(tmp_path, WRITTEN_OUT)
+    positions = [flat.unknowns[one.position].name for one in balances(flat)]
+    (force,) = internal_forces(flat)
+    assert positions == ["p1", "p2"]
+    assert force.name(flat) == "0:L1/J1, 1:L2/J2" and force.motion_text(flat) == "p1/n - p2"
+    assert force.coefficients(flat) == (("c", "c"), ("d", "d"))
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "values"),
+    [
+        ("Rotational.QuadraticDrag", "L2", {"k": 0.3}),
+        ("Rotational.HardeningSpring", "0:L1/J1, 1:L2/J2", {"c3": 500.0}),
+    ],
+)
+def test_an_effect_at_a_potential_that_is_written_out(
+    tmp_path: Path, name: str, place: str, values: dict[str, float]
+) -> None:
+    """The text that is written says the same as the model in which the effect was put in, and as the model
+    with a variable for the speed."""
+    flat, effect = compiled(tmp_path, WRITTEN_OUT), find_effect(name)
+    site = find_site(flat, place, effect)
+    written = extend_model(tmp_path / "Train.mo", "Train", effect, site, values=values).flat
+    usual = compiled(tmp_path, IN_SPEEDS)
+    there = find_site(usual, place.replace("L1/J1", "w1").replace("L2/J2", "w2").replace("L2", "w2"), effect)
+    inputs = np.linspace(0.0, 2.0, 21), np.full((21, 1), 5.0)
+    courses = [
+        simulate(one, inputs).outputs
+        for one in (
+            attach(flat, effect, site, values=values),
+            written,
+            attach(usual, effect, there, values=values),
+        )
+    ]
+    assert np.ptp(courses[0]) > 0.1
+    np.testing.assert_allclose(courses[1], courses[0], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(courses[2], courses[0], rtol=1e-5, atol=1e-7)
+
+
+MOTOR = """\
+model Motor
+  parameter Real R(unit = "Ohm") = 2, L(unit = "H") = 0.5, k(unit = "N.m/A") = 0.3;
+  parameter Real J(unit = "kg.m2") = 0.01, d(unit = "N.m.s/rad") = 0.02;
+  input Real u(unit = "V");
+  output Real y(unit = "rad/s");
+  Real w(unit = "rad/s", start = 0), psi(unit = "{unit}", start = 0);
+equation
+  der(psi) = u - R*{current} - k*w;
+  J*der(w) = k*{current} - d*w;
+  y = w;
+end Motor;
+"""
+
+
+def test_a_flux_over_an_inductance_is_the_current_of_a_mesh(tmp_path: Path) -> None:
+    flat = compiled(tmp_path, MOTOR.format(unit="Wb", current="psi/L"))
+    usual = MOTOR.format(unit="A", current="psi").replace("der(psi)", "L*der(psi)").replace("Motor", "Usual")
+    effect, values = find_effect("Electrical.BrushVoltageDrop"), {"V_b": 1.5, "i_s": 0.1}
+    site = find_site(flat, "0:psi/L", effect)
+    written = extend_model(tmp_path / "Motor.mo", "Motor", effect, site, values=values).flat
+    inputs = np.linspace(0.0, 2.0, 21), np.full((21, 1), 5.0)
+    plain = compiled(tmp_path, usual)
+    beside = attach(plain, effect, find_site(plain, "0:psi", effect), values=values)
+    models = attach(flat, effect, site, values=values), written, beside
+    courses = [simulate(one, inputs).outputs for one in models]
+    assert np.ptp(courses[0]) > 0.1
+    np.testing.assert_allclose(courses[1], courses[0], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(courses[2], courses[0], rtol=1e-5, atol=1e-7)

@@ -486,17 +486,17 @@ class _Assembly:
         balance = self._found(self._balances, name)
         self._add_term(balance_entry(self.flat, balance, member.effect.domain), *member.local(own, 1))
         potential, symbol = member.local(own, 0)
-        variable = self.flat.unknowns[balance.variable]
+        variable, of_variable = balance.potential(self.flat), balance.symbol(self.flat)
         if not needs_position(member.effect.domain):
             change = self._temperatures.get(balance.variable, in_connectors(variable.unit))
-            self._tie(potential, symbol, *_converted(variable.name, self.xi[balance.variable], change))
+            self._tie(potential, symbol, *_converted(variable.name, of_variable, change))
         elif balance.position >= 0:
             # In the unit that makes the speed its rate.
             change = in_connectors(variable.unit)
             position = self.flat.unknowns[balance.position].name
             self._tie(potential, symbol, *_converted(position, self.xi[balance.position], change))
         else:
-            self._tie_rate(potential, *_potential_of(variable, self.xi[balance.variable]))
+            self._tie_rate(potential, *_potential_of(variable, of_variable))
 
     def _at_input(self, member: _Member, own: str, name: str) -> None:
         """The potential of the effect's connector `own` follows the temperature that is the input `name`."""

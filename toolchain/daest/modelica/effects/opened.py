@@ -99,7 +99,7 @@ def opened_balance(
     owner = flat.equations[balance.row].origin
     within = f"{owner}." if owner else ""
     known = [x.name.removeprefix(within) for x in flat.unknowns] if owner else taken
-    name = free_name(f"{_plain(flat.unknowns[balance.variable].name.removeprefix(within))}_term", known)
+    name = free_name(f"{_plain(balance.potential(flat).name.removeprefix(within))}_term", known)
     entries, end = (balance_entry(flat, balance, domain),), _end(name, domain)
     term = _term(flat, balance, domain, name)
     if not owner:
@@ -272,14 +272,14 @@ def _is_of_vectors(flat: FlatModel, words: Sequence[Token], start: int, number: 
 
 
 def _term(flat: FlatModel, balance: Balance, domain: Domain, name: str) -> _Term:
-    variable, text = flat.unknowns[balance.variable], flat.equations[balance.row].text
+    variable, text = balance.potential(flat), flat.equations[balance.row].text
     kind, potential, _ = _TERMS[domain]
     shown = variable.name
     if needs_position(domain) and balance.position >= 0:
         shown = flat.unknowns[balance.position].name
     elif needs_position(domain):
         kind, potential = _OF_SPEED[domain]
-    shown = converted_text(shown, potential_change(flat, balance.variable))
+    shown = converted_text(shown, potential_change(flat, balance))
     plain = _NOTHING.sub("", text)
     return _Term(name, f"{kind} {name}({potential} = {shown})", f"Term of {plain}")
 

@@ -15,6 +15,7 @@ from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.model.parts import Variable
 from daest.modelica.flat.connectors import FLOWS, LEVEL, connectors_of, outside_of_term
+from daest.modelica.places.written_out import FLUX, potential, written_out
 from daest.numerics.matching import maximum_matching
 from daest.quantities import Conversion, conversion, converts, dimensions, is_of, parse_unit
 
@@ -45,7 +46,9 @@ class Balance:
     is none; `rate` is where the rate stands among the unknowns and, behind them, their derivatives.
 
     Where the rate is that of what is stored, as in `der(Q) = i` with `Q = C*v`, the variable is the potential
-    that row `law` gives, and `store` the unknown that is stored; both are -1 else."""
+    that row `law` gives, and `store` the unknown that is stored; both are -1 else. Where that potential is
+    written out, as p/m in `der(p) = F - d*p/m`, the variable is what is stored itself, and `per` the number
+    of the parameter that it is divided by, -1 else."""
 
     row: int
     variable: int
@@ -54,21 +57,30 @@ class Balance:
     rate: int
     store: int = -1
     law: int = -1
+    per: int = -1
 
     def name(self, flat: FlatModel) -> str:
-        return f"{self.row}:{flat.unknowns[self.variable].name}"
+        return f"{self.row}:{self.potential(flat).name}"
+
+    def potential(self, flat: FlatModel) -> Variable:
+        """The variable, or what it is divided by `per`, under the name of an expression."""
+        return flat.unknowns[self.variable] if self.per < 0 else potential(flat, self.variable, self.per)
+
+    def symbol(self, flat: FlatModel) -> ca.SX:
+        symbol = flat.xi[self.variable]
+        return symbol if self.per < 0 else symbol / flat.theta[self.per]
 
     def domain(self, flat: FlatModel) -> Domain | None:
         """The domain by the unit of the variable; None for a unit that does not tell."""
         if self.is_level(flat):
             return "hydraulic"
-        return domain_of(flat.unknowns[self.variable].unit)
+        return domain_of(self.potential(flat).unit)
 
     def is_amount(self, flat: FlatModel) -> bool:
         """Whether the variable is an amount or a concentration of something that belongs to no domain, as its
         unit tells: mg, mol/l, ppm. What has none may be one as well as a position of a valve, which follows
         what it is told (`_follows`)."""
-        unit = flat.unknowns[self.variable].unit
+        unit = self.potential(flat).unit
         if not unit or self.domain(flat) is not None or any(is_of(unit, one) for one in _NO_AMOUNTS):
             return False
         return bool(dimensions(unit) != {}) or (unit not in _ANGLES and not self._follows(flat))
@@ -85,8 +97,10 @@ class Balance:
 
     def is_level(self, flat: FlatModel) -> bool:
         """Whether the variable is the level of a liquid: a length beside a volume flow or an area."""
-        if not is_length(flat.unknowns[self.variable].unit):
+        if not is_length(self.potential(flat).unit):
             return False
+        if self.per >= 0:
+            return True
         units = [x.unit for part in (flat.unknowns, flat.inputs, flat.parameters) for x in part]
         symbols = ca.vertcat(flat.xi, flat.u, flat.theta)
         rows = flat.residual[[row for row in (self.row, self.law) if row >= 0]]
@@ -173,12 +187,12 @@ def _reference(law: ca.SX, symbol: ca.SX) -> float | None:
     return float(rest) if float(slope) == 1.0 else None
 
 
-def potential_change(flat: FlatModel, variable: int) -> Conversion:
-    """From an unknown that is balanced to the potential of a connector, as `in_connectors`, of a temperature
-    above a reference with that."""
-    unit = flat.unknowns[variable].unit
+def potential_change(flat: FlatModel, balance: Balance) -> Conversion:
+    """From what is balanced to the potential of a connector, as `in_connectors`, of a temperature above a
+    reference with that."""
+    unit = balance.potential(flat).unit
     change = in_connectors(unit)
-    return temperatures(flat).get(variable, change) if _is_to_scale(unit) else change
+    return temperatures(flat).get(balance.variable, change) if _is_to_scale(unit) else change
 
 
 def converted_text(name: str, change: Conversion) -> str:
@@ -215,7 +229,9 @@ def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
     by_inputs = ca.which_depends(flat.residual, flat.u, 1, True) if flat.u.numel() else []
     unmoved = [row for row in rows if not (by_inputs and by_inputs[row])]
     stores = {} if everywhere else _stores(flat, slopes, unmoved)
-    rates, definitions = _rates(slopes, unmoved, _own_unknowns(flat), stores)
+    ratios = {} if everywhere else _ratios(flat, slopes, stores)
+    scaled = _in_potentials(flat, slopes, ratios)
+    rates, definitions = _rates(scaled, unmoved, _own_unknowns(flat), {*stores, *ratios})
     positions = {rate: variable for variable, rate in rates.items()}
     assigned = set() if flat.events is None else {one.unknown for one in flat.events.assignments}
     moving = set(np.flatnonzero(np.any(slopes[:, slopes.shape[1] // 2 :], axis=0)).tolist())
@@ -226,14 +242,32 @@ def balances(flat: FlatModel, everywhere: bool = False) -> list[Balance]:
             continue
         for variable, rate in _balanced(slopes[row], rates, moving):
             if variable not in assigned:
-                sign = float(np.sign(slopes[row, rate]))
-                found.append(Balance(row, variable, sign, positions.get(variable, -1), rate))
+                sign, per = float(np.sign(slopes[row, rate])), ratios.get(variable, -1)
+                store = -1 if per < 0 else variable
+                found.append(Balance(row, variable, sign, positions.get(variable, -1), rate, store, per=per))
     if not everywhere:
         found = [one for one in found if _is_within(flat, one, joined)]
         found = _by_potentials(found, stores, positions)
     readings = _readings(slopes)
     moved = {one.variable for one in found if one.row not in readings}
     return _of_own_rows([one for one in found if one.row not in readings or one.variable not in moved])
+
+
+def _ratios(flat: FlatModel, slopes: np.ndarray, stores: Container[int]) -> dict[int, int]:
+    """What is stored and the parameter over which its potential is written out, but for fluxes, whose
+    equations are meshes."""
+    found = written_out(flat, slopes, stores)
+    return {i: k for i, k in found.items() if not is_of(flat.unknowns[i].unit, FLUX)}
+
+
+def _in_potentials(flat: FlatModel, slopes: np.ndarray, ratios: Mapping[int, int]) -> np.ndarray:
+    """The slopes (n, 2n) with those along what is stored along its potential in its place: 1 in
+    `der(s) = p/m`."""
+    scaled = slopes.copy()
+    for stored, parameter in ratios.items():
+        column = slopes[:, stored] * flat.theta_values[parameter]
+        scaled[:, stored] = np.where(np.isclose(np.abs(column), 1.0, rtol=1e-12), np.sign(column), column)
+    return scaled
 
 
 def _open_components(flat: FlatModel) -> set[str]:

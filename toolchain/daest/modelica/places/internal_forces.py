@@ -37,6 +37,7 @@ from daest.modelica.flat.factors import (
 )
 from daest.modelica.places.balances import DOMAINS, Balance, balances, own_laws, slopes_near_start
 from daest.modelica.places.place_units import flow_factor
+from daest.modelica.places.written_out import in_potentials
 from daest.quantities import conversion, converts, is_of
 
 _FORCES: dict[Domain, str] = {"translational": "N", "rotational": "N.m"}
@@ -75,7 +76,7 @@ class InternalForce:
     def aliases(self, flat: FlatModel) -> tuple[str, ...]:
         if self.variable is not None:
             return flat.equations[self.entries[0].row].text, flat.unknowns[self.variable].name
-        bodies = [flat.unknowns[body.variable].name for body, _ in self.bodies]
+        bodies = [body.potential(flat).name for body, _ in self.bodies]
         return (", ".join([*bodies, *self._ground_names(flat)]),)
 
     def _ground_names(self, flat: FlatModel) -> list[str]:
@@ -110,9 +111,18 @@ class InternalForce:
         """The parameters that the force, or one beside it, is proportional to: as `c` that by which it grows
         with the relative position, as `d` that with the relative speed."""
         known: dict[str, str] = {}
+        of_speeds = _in_speeds(flat, balances(flat))
         for force in (self, *self.beside):
-            known = {**force._own_coefficients(flat), **known}
+            known = {**force._with_bodies(balances(of_speeds))._own_coefficients(of_speeds), **known}
         return tuple(sorted(known.items()))
+
+    def _with_bodies(self, known: Sequence[Balance]) -> InternalForce:
+        """The force between the same bodies as the balances `known` of the model have them, in speeds or in
+        momenta."""
+        at = {(one.row, one.variable): one for one in known}
+        bodies = tuple((at[body.row, body.variable], factor) for body, factor in self.bodies)
+        beside = tuple(one._with_bodies(known) for one in self.beside)
+        return replace(self, bodies=bodies, beside=beside)
 
     def _own_coefficients(self, flat: FlatModel) -> dict[str, str]:
         if self.variable is None:
@@ -129,8 +139,10 @@ class InternalForce:
             yield flat.xi[i], flat.unknowns[i].name, ca.SX(sign)
             return
         for body, factor in self.bodies:
-            i = body.position if self.has_positions else body.variable
-            yield flat.xi[i], flat.unknowns[i].name, factor
+            if self.has_positions:
+                yield flat.xi[body.position], flat.unknowns[body.position].name, factor
+            else:
+                yield body.symbol(flat), body.potential(flat).name, factor
         for i, sign in self.ground:
             yield _moved(flat)[i], _moved_names(flat)[i], ca.SX(sign)
 
@@ -138,6 +150,18 @@ class InternalForce:
 def internal_forces(flat: FlatModel) -> list[InternalForce]:
     """Forces between bodies, or between one and what an input moves or what does not move, in the model's own
     equations: one of those that the same motion drives."""
+    declared = balances(flat)
+    of_speeds = _in_speeds(flat, declared)
+    found = _forces_of_speeds(of_speeds)
+    return found if of_speeds is flat else [force._with_bodies(declared) for force in found]
+
+
+def _in_speeds(flat: FlatModel, known: Sequence[Balance]) -> FlatModel:
+    """The model with the speeds of bodies in place of their momenta, where these are written out."""
+    return in_potentials(flat, {body.variable: body.per for body in known if body.per >= 0})
+
+
+def _forces_of_speeds(flat: FlatModel) -> list[InternalForce]:
     # A motion in other units is no text in terms of which a law can be written.
     known = balances(flat)
     bodies = [b for b in known if DOMAINS.get(flat.unknowns[b.variable].unit) in _FORCES]

@@ -4,6 +4,7 @@ pressures along a pipe with one flow, `L*der(q) = p - R*q`."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -30,6 +31,7 @@ from daest.modelica.places.place_units import (
     scale_of_drops,
 )
 from daest.modelica.places.terminals import CURRENT, VOLTAGE
+from daest.modelica.places.written_out import FLUX, in_potentials, potential, written_out
 from daest.quantities import conversion, in_base_units, is_of
 
 _RESISTANCE = "Ohm"
@@ -56,7 +58,8 @@ class Mesh:
     off the `source`, a voltage of the row: its name and its symbol; where several stand there, the `factor`
     is what the voltage is multiplied by. In the hydraulic domain read pressure, or head, and flow for voltage
     and current. One V is `per_drop` of the unit of the source, and one of the unit of the current `per_flow`
-    A: effects are in V and A whatever the equation is in, as the `factor` of its terms is told, too."""
+    A: effects are in V and A whatever the equation is in, as the `factor` of its terms is told, too. Where
+    the unknown is a flux, as in `der(psi) = u - R*psi/L`, `per` is the number of the inductance, -1 else."""
 
     domain: Domain
     row: int
@@ -66,6 +69,7 @@ class Mesh:
     factor: ca.SX = ONE
     per_drop: float = 1.0
     per_flow: float = 1.0
+    per: int = -1
 
     def name(self, flat: FlatModel) -> str:
         return f"{self.row}:{self.flow_name(flat)}"
@@ -74,7 +78,9 @@ class Mesh:
         return flat.equations[self.row].text, self.flow_name(flat)
 
     def flow_name(self, flat: FlatModel) -> str:
-        return flat.unknowns[self.flow].name if isinstance(self.flow, int) else self.flow.resistance
+        if not isinstance(self.flow, int):
+            return self.flow.resistance
+        return flat.unknowns[self.flow].name if self.per < 0 else potential(flat, self.flow, self.per).name
 
     def term_name(self, flat: FlatModel) -> str:
         """The variable that a component in the mesh is called after."""
@@ -83,14 +89,15 @@ class Mesh:
     def current(self, flat: FlatModel, drop: ca.SX) -> ca.SX:
         """The current [A] while the voltage `drop` [V] is taken off the source."""
         if isinstance(self.flow, int):
-            return self.per_flow * flat.xi[self.flow]
+            unknown = flat.xi[self.flow]
+            return self.per_flow * (unknown if self.per < 0 else unknown / flat.theta[self.per])
         _, symbol = self.flow.source
         return self.per_flow * ca.substitute(self.flow.current, symbol, symbol - self.per_drop * drop)
 
     def current_text(self, flat: FlatModel, drop: str) -> str | None:
         """The same as Modelica writes it; None where it has no text."""
         if isinstance(self.flow, int):
-            return times_text(self.per_flow, flat.unknowns[self.flow].name)
+            return times_text(self.per_flow, self.flow_name(flat))
         name, _ = self.flow.source
         written = variables_text(self.flow.current, flat, {name: self.lowered(name, drop)})
         return None if written is None else times_text(self.per_flow, written)
@@ -104,20 +111,36 @@ def meshes(flat: FlatModel) -> list[Mesh]:
     """Rows of the model itself, not of its components, that are sums of voltages or pressures, or follow from
     one."""
     rows = own_laws(flat)
-    resistances = [k for k, p in enumerate(flat.parameters) if rows and is_of(p.unit, _RESISTANCE)]
-    # Reading units takes longer than anything else here: a model of components alone needs none.
+    if not rows:  # reading units takes longer than anything else here
+        return []
+    resistances = [k for k, p in enumerate(flat.parameters) if is_of(p.unit, _RESISTANCE)]
+    over = [_written_out(flat, row, k) for row in rows for k in resistances]
+    return [*_in_currents(flat, rows), *(_in_units(flat, mesh) for mesh in over if mesh is not None)]
+
+
+def _fluxes(flat: FlatModel) -> dict[int, int]:
+    """Unknowns that are fluxes -> the inductances over which they are written out as currents."""
+    if not any(is_of(v.unit, FLUX) for v in flat.unknowns):
+        return {}
+    found = written_out(flat, slopes_near_start(flat), ())
+    return {i: k for i, k in found.items() if is_of(flat.unknowns[i].unit, FLUX)}
+
+
+def _in_currents(flat: FlatModel, rows: Sequence[int]) -> list[Mesh]:
+    """The rows with an unknown, or one over a parameter, that is their current."""
+    fluxes = _fluxes(flat)
+    shown = in_potentials(flat, fluxes)
     currents = [
         (domain, k)
         for domain, (_, unit) in UNITS.items()
-        for k, v in enumerate(flat.unknowns)
-        if rows and is_of(v.unit, unit)
+        for k, v in enumerate(shown.unknowns)
+        if is_of(v.unit, unit)
     ]
-    if not currents and not resistances:
+    if not currents:
         return []
-    slopes = slopes_near_start(flat)
-    found = [_mesh(flat, slopes, row, domain, k) for row in rows for domain, k in currents]
-    found += [_written_out(flat, row, k) for row in rows for k in resistances]
-    return [_in_units(flat, mesh) for mesh in found if mesh is not None]
+    slopes = slopes_near_start(shown)
+    found = [(k, _mesh(shown, slopes, row, domain, k)) for row in rows for domain, k in currents]
+    return [replace(_in_units(shown, mesh), per=fluxes.get(k, -1)) for k, mesh in found if mesh is not None]
 
 
 def _in_units(flat: FlatModel, mesh: Mesh) -> Mesh:

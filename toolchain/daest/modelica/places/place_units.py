@@ -70,7 +70,7 @@ def _units_in_seconds(flat: FlatModel, effect: Effect, site: Site, clock: str) -
     if site.kind in ("equation", "exchange"):
         balance = _balance_of(flat, site.name.split(", ")[0])
         if balance is not None and not balances_flows(flat, balance):
-            unit = flat.unknowns[balance.variable].unit
+            unit = balance.potential(flat).unit
             own = (base_unit(unit) or unit, "s")
             if balance.is_level(flat):  # m3/s is made of m and s, too, but the terms may be anything
                 given = {name: "" if "m3" in unit else unit for name, unit in _as_levels(given).items()}
@@ -107,7 +107,7 @@ def _of_amount(flat: FlatModel, effect: Effect, balance: Balance | None, clock: 
     behind a factor that moves, since the term is then no rate alone."""
     if balance is None:
         return dict.fromkeys((p.name for p in effect.parameters), "")
-    unit, is_rate = flat.unknowns[balance.variable].unit, rate_factor(flat, balance) is not None
+    unit, is_rate = balance.potential(flat).unit, rate_factor(flat, balance) is not None
     is_known = {p.name: is_rate or p.role != "size" for p in effect.parameters}
     return {p.name: _of_signal(p, unit, clock) if is_known[p.name] else "" for p in effect.parameters}
 
@@ -215,7 +215,7 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
 
     In other base units every quantity has another value. The factor must change as flow over rate does.
     """
-    domain, variable = balance.domain(flat), flat.unknowns[balance.variable]
+    domain, variable = balance.domain(flat), balance.potential(flat)
     if domain is None:
         return None
     unit = FLOWS[domain]

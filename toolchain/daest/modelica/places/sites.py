@@ -152,7 +152,7 @@ def _equations(flat: FlatModel, domain: Domain | None = None) -> list[Site]:
     where it has no unit."""
     found: list[Site] = []
     for balance in _of_fitting_units(flat):
-        unit = flat.unknowns[balance.variable].unit
+        unit = balance.potential(flat).unit
         own = balance.domain(flat) if unit else domain
         if own is not None:
             found.append(_at_balance(flat, balance, own))
@@ -171,7 +171,8 @@ def _amounts(flat: FlatModel) -> list[Site]:
 
 
 def _at_balance(flat: FlatModel, balance: Balance, domain: Domain) -> Site:
-    aliases = (flat.equations[balance.row].text, flat.unknowns[balance.variable].name)
+    names = dict.fromkeys((flat.unknowns[balance.variable].name, balance.potential(flat).name))
+    aliases = (flat.equations[balance.row].text, *names)
     return Site(balance.name(flat), "equation", domain, aliases=aliases)
 
 
@@ -204,7 +205,7 @@ def _exchanges(flat: FlatModel) -> list[Site]:
     found: list[Site] = []
     for (a, domain, kind), (b, other, of_b) in combinations(known, 2):
         if domain == other and kind == of_b:
-            variables = ", ".join(flat.unknowns[one.variable].name for one in (a, b))
+            variables = ", ".join(one.potential(flat).name for one in (a, b))
             found.append(_exchange(f"{a.name(flat)}, {b.name(flat)}", domain, variables))
     return [*found, *_exchanges_with_surroundings(flat, [b for b, domain, _ in known if domain == "thermal"])]
 
@@ -225,9 +226,7 @@ def _exchanges_with_surroundings(flat: FlatModel, heats: Sequence[Balance]) -> l
         if is_used and domain_of(one.unit) == "thermal"
     ]
     return [
-        _exchange(
-            f"{balance.name(flat)}, {name}", "thermal", f"{flat.unknowns[balance.variable].name}, {name}"
-        )
+        _exchange(f"{balance.name(flat)}, {name}", "thermal", f"{balance.potential(flat).name}, {name}")
         for balance in heats
         for name in surroundings
     ]
