@@ -10,7 +10,7 @@ import pytest
 
 from daest import quantities
 from daest.errors import DataError
-from daest.quantities import conversion, converts, dimensions, parse_unit, spoken_duration
+from daest.quantities import conversion, converts, dimensions, in_base_units, parse_unit, spoken_duration
 
 
 @pytest.mark.parametrize(
@@ -147,6 +147,8 @@ def test_dimensions_of_known_units_are_those_of_pint() -> None:
     for symbol in quantities._KNOWN:
         known = {str(d): float(e) for d, e in registry.Quantity(1.0, symbol).dimensionality.items()}
         assert dimensions(symbol) == known, symbol
+        name = "delta_degC" if symbol == "degC" else symbol
+        assert in_base_units(symbol) == pytest.approx(registry.Quantity(1.0, name).to_base_units().magnitude)
     assert dimensions("W/(m2.K)") == {"[mass]": 1.0, "[time]": -3.0, "[temperature]": -1.0}
     assert dimensions("V.A/W") == {}
 

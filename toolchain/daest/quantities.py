@@ -6,6 +6,7 @@ Expressions"). The arithmetic of units is pint's; pint is imported only when two
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -45,43 +46,43 @@ _SPELLINGS = {  # Modelica and loggers -> pint
     "Kelvin": "K",
 }
 _BASES = ("[length]", "[mass]", "[time]", "[current]", "[temperature]")
-_KNOWN = {  # exponents of the bases in units of the SI, and in those that users write most
-    "m": (1, 0, 0, 0, 0),
-    "kg": (0, 1, 0, 0, 0),
-    "s": (0, 0, 1, 0, 0),
-    "A": (0, 0, 0, 1, 0),
-    "K": (0, 0, 0, 0, 1),
-    "rad": (0, 0, 0, 0, 0),
-    "Hz": (0, 0, -1, 0, 0),
-    "N": (1, 1, -2, 0, 0),
-    "Pa": (-1, 1, -2, 0, 0),
-    "J": (2, 1, -2, 0, 0),
-    "W": (2, 1, -3, 0, 0),
-    "C": (0, 0, 1, 1, 0),
-    "V": (2, 1, -3, -1, 0),
-    "ohm": (2, 1, -3, -2, 0),
-    "F": (-2, -1, 4, 2, 0),
-    "H": (2, 1, -2, -2, 0),
-    "Wb": (2, 1, -2, -1, 0),
-    "T": (0, 1, -2, -1, 0),
-    "degC": (0, 0, 0, 0, 1),
-    "mm": (1, 0, 0, 0, 0),
-    "cm": (1, 0, 0, 0, 0),
-    "km": (1, 0, 0, 0, 0),
-    "l": (3, 0, 0, 0, 0),
-    "g": (0, 1, 0, 0, 0),
-    "ms": (0, 0, 1, 0, 0),
-    "min": (0, 0, 1, 0, 0),
-    "h": (0, 0, 1, 0, 0),
-    "deg": (0, 0, 0, 0, 0),
-    "rpm": (0, 0, -1, 0, 0),
-    "mA": (0, 0, 0, 1, 0),
-    "mV": (2, 1, -3, -1, 0),
-    "kN": (1, 1, -2, 0, 0),
-    "bar": (-1, 1, -2, 0, 0),
-    "kPa": (-1, 1, -2, 0, 0),
-    "kJ": (2, 1, -2, 0, 0),
-    "kW": (2, 1, -3, 0, 0),
+_KNOWN = {  # in base units, and exponents of the bases: units of the SI, and those that users write most
+    "m": (1.0, (1, 0, 0, 0, 0)),
+    "kg": (1.0, (0, 1, 0, 0, 0)),
+    "s": (1.0, (0, 0, 1, 0, 0)),
+    "A": (1.0, (0, 0, 0, 1, 0)),
+    "K": (1.0, (0, 0, 0, 0, 1)),
+    "rad": (1.0, (0, 0, 0, 0, 0)),
+    "Hz": (1.0, (0, 0, -1, 0, 0)),
+    "N": (1.0, (1, 1, -2, 0, 0)),
+    "Pa": (1.0, (-1, 1, -2, 0, 0)),
+    "J": (1.0, (2, 1, -2, 0, 0)),
+    "W": (1.0, (2, 1, -3, 0, 0)),
+    "C": (1.0, (0, 0, 1, 1, 0)),
+    "V": (1.0, (2, 1, -3, -1, 0)),
+    "ohm": (1.0, (2, 1, -3, -2, 0)),
+    "F": (1.0, (-2, -1, 4, 2, 0)),
+    "H": (1.0, (2, 1, -2, -2, 0)),
+    "Wb": (1.0, (2, 1, -2, -1, 0)),
+    "T": (1.0, (0, 1, -2, -1, 0)),
+    "degC": (1.0, (0, 0, 0, 0, 1)),
+    "mm": (1e-3, (1, 0, 0, 0, 0)),
+    "cm": (1e-2, (1, 0, 0, 0, 0)),
+    "km": (1e3, (1, 0, 0, 0, 0)),
+    "l": (1e-3, (3, 0, 0, 0, 0)),
+    "g": (1e-3, (0, 1, 0, 0, 0)),
+    "ms": (1e-3, (0, 0, 1, 0, 0)),
+    "min": (60.0, (0, 0, 1, 0, 0)),
+    "h": (3600.0, (0, 0, 1, 0, 0)),
+    "deg": (math.pi / 180.0, (0, 0, 0, 0, 0)),
+    "rpm": (math.pi / 30.0, (0, 0, -1, 0, 0)),
+    "mA": (1e-3, (0, 0, 0, 1, 0)),
+    "mV": (1e-3, (2, 1, -3, -1, 0)),
+    "kN": (1e3, (1, 1, -2, 0, 0)),
+    "bar": (1e5, (-1, 1, -2, 0, 0)),
+    "kPa": (1e3, (-1, 1, -2, 0, 0)),
+    "kJ": (1e3, (2, 1, -2, 0, 0)),
+    "kW": (1e3, (2, 1, -3, 0, 0)),
 }
 _TOGETHER = {  # products written without a mark between their units; pint takes `Nm` for a count of yarn
     "Nm": ("N", "m"),
@@ -199,7 +200,7 @@ def _known_dimensions(factors: Factors) -> dict[str, float]:
     """Those of a product of known units, for which pint need not be loaded."""
     total: dict[str, float] = {}
     for symbol, exponent in factors.items():
-        for base, power in zip(_BASES, _KNOWN[symbol], strict=True):
+        for base, power in zip(_BASES, _KNOWN[symbol][1], strict=True):
             total[base] = total.get(base, 0.0) + exponent * power
     return {base: power for base, power in total.items() if power}
 
@@ -216,8 +217,16 @@ def in_base_units(unit: str) -> float:
     >>> in_base_units("kW.h/K"), in_base_units("degC"), in_base_units("")
     (3600000.0, 1.0, 1.0)
     """
+    return _magnitude(unit)
+
+
+@lru_cache(maxsize=_MOST_UNITS)
+def _magnitude(unit: str) -> float:
     try:
-        return float(_in_base_units(parse_unit(unit), unit).magnitude)
+        factors = parse_unit(unit)
+        if all(symbol in _KNOWN for symbol in factors):
+            return math.prod(_KNOWN[symbol][0] ** exponent for symbol, exponent in factors.items())
+        return float(_in_base_units(factors, unit).magnitude)
     except DataError:
         return 1.0
 
