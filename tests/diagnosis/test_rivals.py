@@ -331,8 +331,8 @@ def test_simple_law_is_tried_from_a_rich_one_that_says_how_its_kink_is():
     (simple,) = reduced_laws(rubbing().null, narrow, found)
     assert simple.trial.candidate.effect.name == "CoulombFriction"
     assert may_be_of_the_kink(narrow, simple.trial.candidate)
-    (one_sided,) = some_effects("AsymmetricFriction")
-    assert not may_be_of_the_kink(narrow, replace(simple.trial.candidate, effect=one_sided))
+    for other in some_effects("AsymmetricFriction", "ConstantLoad"):
+        assert not may_be_of_the_kink(narrow, replace(simple.trial.candidate, effect=other))
 
 
 def test_of_laws_for_the_same_the_simplest_goes_first():

@@ -208,12 +208,15 @@ def _is_bent_otherwise(one: Proof, best: Proof) -> bool:
 
 
 def may_be_of_the_kink(richer: Proof, simple: Candidate) -> bool:
-    """Whether a law may say how the kink of a simple one is, which is no sum of others: friction in one
-    direction holds a constant load, and is none that a bump at rest comes down to."""
+    """Whether a law may say how the kink of a simple one is, which has one and is no sum of others: an outlet
+    that is free from its first drop on is no constant flow, and friction in one direction, which holds a
+    constant load, none that a bump at rest comes down to."""
     one = richer.candidate
     is_beyond = len(one.estimated) > len(simple.estimated)
     is_alike = one.site == simple.site and one.effect.sizes[0].unit == simple.effect.sizes[0].unit
-    return is_beyond and is_alike and not simple.effect.sum_of and _has_form_in_kink(richer)
+    has_kink = any(p.role == "sharpness" for p in simple.effect.parameters)
+    is_plain = has_kink and not simple.effect.sum_of
+    return is_beyond and is_alike and is_plain and _has_form_in_kink(richer)
 
 
 def _has_form_in_kink(proof: Proof) -> bool:
