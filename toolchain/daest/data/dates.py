@@ -25,6 +25,8 @@ def seconds_of(texts: Sequence[str]) -> list[float] | None:
 
     Dates without a zone are taken as they stand.
     """
+    if not texts or (_iso(texts[0]) is None and not _WRITTEN.fullmatch(texts[0].strip())):
+        return None  # of a long column of words no other one is looked at
     stamps = [_iso(text) for text in texts]
     known = [stamp for stamp in stamps if stamp is not None]
     if known and len(known) == len(stamps):

@@ -218,7 +218,9 @@ def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) ->
 def _is_element(name: str, columns: set[str]) -> bool:
     """Whether `name` has an index, `T[1]`, and one of `columns` is it as tables write it, where brackets hold
     units: `T1`, `T_1`."""
-    spelt = {_without_marks(name), _without_marks(name.rsplit(".", 1)[-1])} if "[" in name else set()
+    if "[" not in name:
+        return False
+    spelt = {_without_marks(name), _without_marks(name.rsplit(".", 1)[-1])}
     return any(_without_marks(column) in spelt for column in columns)
 
 
