@@ -98,4 +98,7 @@ def gain_family(
     unit = np.array(covs).reshape(n_w, *average.A.shape)
     if not np.all(np.isfinite(unit)):
         return None
-    return GainFamily(sampled, unit, levels, intensity_free, std_free)
+    found = GainFamily(sampled, unit, levels, intensity_free, std_free)
+    if average.exact is not None and found.at(np.zeros(found.n_logs)) is None:
+        return gain_family(average.exact, levels, intensity_free, std_free)
+    return found

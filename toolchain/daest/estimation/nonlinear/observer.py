@@ -26,12 +26,15 @@ KEPT = 32  # functions of its Jacobians
 
 @dataclass(frozen=True)
 class AverageModel:
-    """Mean Jacobians along a trajectory: A (n, n), G (n, n_w), C (n_y, n)."""
+    """Mean Jacobians along a trajectory: A (n, n), G (n, n_w), C (n_y, n). Where these have no gain, those
+    of the `exact` one may have: its entries that are equal along the trajectory are without the rounding of
+    their sum, which may show an angle behind a gear that no output sees."""
 
     A: np.ndarray
     G: np.ndarray
     C: np.ndarray
     period: float
+    exact: AverageModel | None = None
 
 
 @dataclass(frozen=True)
@@ -60,19 +63,23 @@ def average_model(
         along = _summed(one, chosen.size)
     sums = along(states[chosen].T, ubar[chosen].T, theta, time[chosen])
     first = one(states[chosen[0]], ubar[chosen[0]], theta, time[chosen[0]])
-    A, G, C = (_mean(*matrices, chosen.size) for matrices in zip(sums, first, strict=True))
+    means = [np.array(whole) / chosen.size for whole in sums]
+    equal = [_with_equal(*pair, chosen.size) for pair in zip(means, first, strict=True)]
     laws = sensor_laws(explicit)
     if laws is not None:
         # The gain of a sensor's steepest slope, which follows the slope along the motion.
-        C = steepest_slopes(explicit, laws, theta, time[chosen], states[chosen], ubar[chosen])
-    return AverageModel(A, G, C, float(np.median(np.diff(time))))
+        means[2] = equal[2] = steepest_slopes(
+            explicit, laws, theta, time[chosen], states[chosen], ubar[chosen]
+        )
+    period = float(np.median(np.diff(time)))
+    (A, G, C), (A_equal, G_equal, C_equal) = means, equal
+    return AverageModel(A, G, C, period, exact=AverageModel(A_equal, G_equal, C_equal, period))
 
 
-def _mean(whole: ca.DM, first: ca.DM, n_samples: int) -> np.ndarray:
-    """The mean of matrices of the sum `whole`, with entries that are the same at all samples as in the
-    `first` of them: a sum of n equal numbers is off by up to n rounding errors, and an angle behind a gear
-    that no output sees would seem to be seen."""
-    mean, once = np.array(whole) / n_samples, np.array(first)
+def _with_equal(mean: np.ndarray, first: ca.DM, n_samples: int) -> np.ndarray:
+    """The `mean` (n, m) of matrices with entries that are the same at all samples as in the `first` of them:
+    a sum of n equal numbers is off by up to n rounding errors."""
+    once = np.array(first)
     return np.where(np.abs(mean - once) <= n_samples * np.finfo(float).eps * np.abs(once), once, mean)
 
 
@@ -113,7 +120,8 @@ def observer(model: AverageModel, intensity: np.ndarray, measurement_std: np.nda
     sampled = sampled_average(model, intensity, measurement_std)
     if not np.all(np.isfinite(sampled.transition)) or not np.all(np.isfinite(sampled.process_cov)):
         return None
-    return observer_of(sampled)
+    found = observer_of(sampled)
+    return observer(model.exact, intensity, measurement_std) if found is None and model.exact else found
 
 
 def observer_of(sampled: DiscreteModel) -> Observer | None:
