@@ -210,6 +210,7 @@ def is_of(unit: str, quantity: str) -> bool:
     return bool(unit) and _dimensions(unit) == _dimensions(quantity)
 
 
+@lru_cache(maxsize=_MOST_UNITS)
 def in_base_units(unit: str) -> float:
     """How large one of a unit is in the base units of the SI, 1 of one that is not known; of temperatures as
     differences.
@@ -217,11 +218,6 @@ def in_base_units(unit: str) -> float:
     >>> in_base_units("kW.h/K"), in_base_units("degC"), in_base_units("")
     (3600000.0, 1.0, 1.0)
     """
-    return _magnitude(unit)
-
-
-@lru_cache(maxsize=_MOST_UNITS)
-def _magnitude(unit: str) -> float:
     try:
         factors = parse_unit(unit)
         if all(symbol in _KNOWN for symbol in factors):

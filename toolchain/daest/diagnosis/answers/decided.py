@@ -22,6 +22,7 @@ WIDER_BAND = (
     "Excite the machine over a wider band of frequencies, and measure another quantity between input and "
     "output."
 )
+AGAIN = "Repeat the same experiment: what comes back in the same way belongs to the machine."
 LONGER = (
     "Record longer and with larger amplitudes: the effect is small beside the noise and the loads of this "
     "record."

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from daest.diagnosis.answers.decided import (
+    AGAIN,
     LONGER,
     SEVERAL,
     WIDER_BAND,
@@ -119,7 +120,7 @@ def _of_loads(evidence: Evidence, loads: Loads) -> Decided:
         "external disturbance",
         f"An unexplained load acts at {_load_places(loads)}, but it is related to no variable of the "
         "model and no effect of the library explains it." + foreseen_by(evidence, None),
-        "Repeat the same experiment: what comes back in the same way belongs to the machine.",
+        AGAIN,
     )
 
 
@@ -218,9 +219,11 @@ def _dynamic(evidence: Evidence, loads: Loads) -> Decided:
 def _is_undriven(evidence: Evidence, loads: Loads) -> bool:
     """Whether errors that last are none of dynamics that the model lacks: nothing that moves it tells them,
     and no effect of the library does, or makes a simulation of unseen data clearly better."""
-    if evidence.screen.p_value < GATES.missing_level or loads.are_driven is not False:
+    if evidence.screen.p_value < GATES.missing_level:
         return False
-    return not any(error_ratio(evidence, p) < GATES.max_clear_ratio for p in evidence.proofs)
+    if any(error_ratio(evidence, p) < GATES.max_clear_ratio for p in evidence.proofs):
+        return False
+    return loads.are_driven is False
 
 
 def _undriven(evidence: Evidence, loads: Loads) -> Decided:
@@ -231,7 +234,7 @@ def _undriven(evidence: Evidence, loads: Loads) -> Decided:
         f"{_load_places(loads)}, but what the simulation leaves follows neither the inputs nor the outputs: "
         "it is the slow noise of a sensor, or a load from outside, and no dynamics that the model lacks."
         + foreseen_by(evidence, None),
-        "Repeat the same experiment: what comes back in the same way belongs to the machine.",
+        AGAIN,
         is_by_colour=True,
     )
 
@@ -266,7 +269,7 @@ def _no_law(evidence: Evidence, loads: Loads, form: FreeForm) -> Decided:
     return Decided(
         "external disturbance",
         text + _told_nearest(near) + foreseen_by(evidence, near),
-        "Repeat the same experiment: what comes back in the same way belongs to the machine.",
+        AGAIN,
     )
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from daest.data.check import check_experiment
+from daest.data.faults import clock_findings
+from daest.estimation.fitting.signals import is_constant
 from daest.lists import first_few
 from daest.model.experiment import Experiment, Finding
 
@@ -29,8 +29,8 @@ def faults_told(experiments: Sequence[Experiment]) -> str:
 def pauses_told(experiments: Sequence[Experiment]) -> str:
     """A sentence on the pauses of recordings whose inputs move, in which these may have done anything; empty
     where there are none."""
-    driven = [e for e in experiments if e.inputs.size and np.any(np.ptp(e.inputs, axis=0) > 0.0)]
-    texts = _listed([f for e in driven for f in check_experiment(e).findings if f.code == PAUSE])
+    driven = [e for e in experiments if not all(is_constant(u) for u in e.inputs.T)]
+    texts = _listed([f for e in driven for f in clock_findings(e.time) if f.code == PAUSE])
     return f" It may be what the inputs did unseen: {texts}." if texts else ""
 
 

@@ -31,6 +31,7 @@ from daest.modelica.places.balances import (
     converted_text,
     in_connectors,
     needs_position,
+    potential_change,
     temperatures,
 )
 from daest.modelica.places.internal_forces import InternalForce, internal_forces
@@ -488,7 +489,7 @@ class _Assembly:
         potential, symbol = member.local(own, 0)
         variable, of_variable = balance.potential(self.flat), balance.symbol(self.flat)
         if not needs_position(member.effect.domain):
-            change = self._temperatures.get(balance.variable, in_connectors(variable.unit))
+            change = potential_change(self.flat, balance, self._temperatures)
             self._tie(potential, symbol, *_converted(variable.name, of_variable, change))
         elif balance.position >= 0:
             # In the unit that makes the speed its rate.

@@ -40,7 +40,13 @@ from daest.modelica.language.outline import (
     edited,
     offset_of,
 )
-from daest.modelica.places.balances import Balance, converted_text, needs_position, potential_change
+from daest.modelica.places.balances import (
+    Balance,
+    converted_text,
+    needs_position,
+    potential_change,
+    temperatures,
+)
 from daest.modelica.places.internal_forces import InternalForce
 from daest.modelica.places.joints import PORTS
 from daest.modelica.places.meshes import Mesh
@@ -279,7 +285,7 @@ def _term(flat: FlatModel, balance: Balance, domain: Domain, name: str) -> _Term
         shown = flat.unknowns[balance.position].name
     elif needs_position(domain):
         kind, potential = _OF_SPEED[domain]
-    shown = converted_text(shown, potential_change(flat, balance))
+    shown = converted_text(shown, potential_change(flat, balance, temperatures(flat)))
     plain = _NOTHING.sub("", text)
     return _Term(name, f"{kind} {name}({potential} = {shown})", f"Term of {plain}")
 

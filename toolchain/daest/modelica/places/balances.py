@@ -15,7 +15,7 @@ from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.model.parts import Variable
 from daest.modelica.flat.connectors import FLOWS, LEVEL, connectors_of, outside_of_term
-from daest.modelica.places.written_out import FLUX, potential, written_out
+from daest.modelica.places.written_out import FLUX, potential, potential_symbol, written_out
 from daest.numerics.matching import maximum_matching
 from daest.quantities import Conversion, conversion, converts, dimensions, is_of, parse_unit
 
@@ -64,11 +64,11 @@ class Balance:
 
     def potential(self, flat: FlatModel) -> Variable:
         """The variable, or what it is divided by `per`, under the name of an expression."""
-        return flat.unknowns[self.variable] if self.per < 0 else potential(flat, self.variable, self.per)
+        return potential(flat, self.variable, self.per)
 
     def symbol(self, flat: FlatModel) -> ca.SX:
-        symbol = flat.xi[self.variable]
-        return symbol if self.per < 0 else symbol / flat.theta[self.per]
+        """The expression of `potential`."""
+        return potential_symbol(flat, self.variable, self.per)
 
     def domain(self, flat: FlatModel) -> Domain | None:
         """The domain by the unit of the variable; None for a unit that does not tell."""
@@ -144,20 +144,13 @@ def in_connectors(unit: str) -> Conversion:
 def temperatures(flat: FlatModel) -> dict[int, Conversion]:
     """Unknown -> absolute temperature, of those that are differences from a reference: an output, or a
     variable of the model, is `T = e + 293.15`, where `e` in K is no absolute temperature."""
-    outputs = zip(flat.outputs, ca.vertsplit(flat.output_expressions), strict=True)
-    sums = [(output.unit, law) for output, law in outputs if _is_to_scale(output.unit)]
-    for variable, symbol, row in _in_pairs(flat):
-        if _is_to_scale(variable.unit) and ca.jacobian(row, symbol).is_constant():
-            sums.append((variable.unit, symbol - row / ca.jacobian(row, symbol)))
     found: dict[int, Conversion] = {}
-    for unit, law in sums:
-        for i, one in enumerate(flat.unknowns):
-            if not _is_to_scale(one.unit) or not ca.depends_on(law, flat.xi[i]):
-                continue
-            reference = _reference(law, flat.xi[i])
-            offset = None if reference is None else reference + in_connectors(unit).offset
-            if offset is not None and abs(offset - in_connectors(one.unit).offset) > _DIFFERENCE:
-                found[i] = Conversion(offset=offset)
+    for unit, law, i in (*_outputs_of_one(flat), *_pairs(flat)):
+        own = flat.unknowns[i].unit
+        reference = _reference(law, flat.xi[i]) if _is_to_scale(unit) and _is_to_scale(own) else None
+        offset = None if reference is None else reference + in_connectors(unit).offset
+        if offset is not None and abs(offset - in_connectors(own).offset) > _DIFFERENCE:
+            found[i] = Conversion(offset=offset)
     return found
 
 
@@ -165,18 +158,34 @@ def _is_to_scale(unit: str) -> bool:
     return domain_of(unit) == "thermal" and in_connectors(unit).scale == 1.0
 
 
-def _in_pairs(flat: FlatModel) -> list[tuple[Variable, ca.SX, ca.SX]]:
-    """Of every equation of two unknowns and no rate, each of the two, its symbol and the residual."""
-    rows, columns = ca.jacobian_sparsity(flat.residual, ca.vertcat(flat.xi, flat.derivatives)).get_triplet()
+def _outputs_of_one(flat: FlatModel) -> list[tuple[str, ca.SX, int]]:
+    """Of every output that is a function of one unknown alone, its unit, that function, and the unknown."""
+    used = _columns_by_row(ca.jacobian_sparsity(flat.output_expressions, flat.xi))
+    return [(flat.outputs[k].unit, flat.output_expressions[k], ones[0]) for k, ones in used if len(ones) == 1]
+
+
+def _pairs(flat: FlatModel) -> list[tuple[str, ca.SX, int]]:
+    """Of every equation of two unknowns and no rate, by each of the two that it is linear in, its unit, that
+    unknown as a function of the other, and the other one."""
+    symbols = ca.vertcat(flat.xi, flat.derivatives)
+    found = []
+    for row, ones in _columns_by_row(ca.jacobian_sparsity(flat.residual, symbols)):
+        if len(ones) != 2 or max(ones) >= flat.n:
+            continue
+        for i, other in (ones, reversed(ones)):
+            unit = flat.unknowns[i].unit
+            slope = ca.jacobian(flat.residual[row], flat.xi[i]) if _is_to_scale(unit) else None
+            if slope is not None and slope.is_constant():
+                found.append((unit, flat.xi[i] - flat.residual[row] / slope, other))
+    return found
+
+
+def _columns_by_row(sparsity: ca.Sparsity) -> list[tuple[int, list[int]]]:
+    """The rows of a sparse matrix that are not empty, in their order, and the columns in each."""
     used: dict[int, list[int]] = {}
-    for row, column in zip(rows, columns, strict=True):
+    for row, column in zip(*sparsity.get_triplet(), strict=True):
         used.setdefault(row, []).append(column)
-    pairs = {row: ones for row, ones in used.items() if len(ones) == 2 and max(ones) < flat.n}
-    return [
-        (flat.unknowns[i], flat.xi[i], flat.residual[row])
-        for row, ones in sorted(pairs.items())
-        for i in ones
-    ]
+    return sorted(used.items())
 
 
 def _reference(law: ca.SX, symbol: ca.SX) -> float | None:
@@ -187,12 +196,10 @@ def _reference(law: ca.SX, symbol: ca.SX) -> float | None:
     return float(rest) if float(slope) == 1.0 else None
 
 
-def potential_change(flat: FlatModel, balance: Balance) -> Conversion:
-    """From what is balanced to the potential of a connector, as `in_connectors`, of a temperature above a
-    reference with that."""
-    unit = balance.potential(flat).unit
-    change = in_connectors(unit)
-    return temperatures(flat).get(balance.variable, change) if _is_to_scale(unit) else change
+def potential_change(flat: FlatModel, balance: Balance, above: Mapping[int, Conversion]) -> Conversion:
+    """From what is balanced to the potential of a connector, as `in_connectors`; of a temperature above a
+    reference (`temperatures`) with that."""
+    return above.get(balance.variable, in_connectors(balance.potential(flat).unit))
 
 
 def converted_text(name: str, change: Conversion) -> str:
@@ -263,6 +270,8 @@ def _ratios(flat: FlatModel, slopes: np.ndarray, stores: Container[int]) -> dict
 def _in_potentials(flat: FlatModel, slopes: np.ndarray, ratios: Mapping[int, int]) -> np.ndarray:
     """The slopes (n, 2n) with those along what is stored along its potential in its place: 1 in
     `der(s) = p/m`."""
+    if not ratios:  # of a large model they are many
+        return slopes
     scaled = slopes.copy()
     for stored, parameter in ratios.items():
         column = slopes[:, stored] * flat.theta_values[parameter]

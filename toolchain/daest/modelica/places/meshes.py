@@ -31,7 +31,7 @@ from daest.modelica.places.place_units import (
     scale_of_drops,
 )
 from daest.modelica.places.terminals import CURRENT, VOLTAGE
-from daest.modelica.places.written_out import FLUX, in_potentials, potential, written_out
+from daest.modelica.places.written_out import FLUX, in_potentials, potential, potential_symbol, written_out
 from daest.quantities import conversion, in_base_units, is_of
 
 _RESISTANCE = "Ohm"
@@ -80,7 +80,7 @@ class Mesh:
     def flow_name(self, flat: FlatModel) -> str:
         if not isinstance(self.flow, int):
             return self.flow.resistance
-        return flat.unknowns[self.flow].name if self.per < 0 else potential(flat, self.flow, self.per).name
+        return potential(flat, self.flow, self.per).name
 
     def term_name(self, flat: FlatModel) -> str:
         """The variable that a component in the mesh is called after."""
@@ -89,8 +89,7 @@ class Mesh:
     def current(self, flat: FlatModel, drop: ca.SX) -> ca.SX:
         """The current [A] while the voltage `drop` [V] is taken off the source."""
         if isinstance(self.flow, int):
-            unknown = flat.xi[self.flow]
-            return self.per_flow * (unknown if self.per < 0 else unknown / flat.theta[self.per])
+            return self.per_flow * potential_symbol(flat, self.flow, self.per)
         _, symbol = self.flow.source
         return self.per_flow * ca.substitute(self.flow.current, symbol, symbol - self.per_drop * drop)
 

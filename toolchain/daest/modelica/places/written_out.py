@@ -62,10 +62,19 @@ def in_potentials(flat: FlatModel, ratios: Mapping[int, int]) -> FlatModel:
 
 
 def potential(flat: FlatModel, stored: int, parameter: int) -> Variable:
-    """What is stored over the parameter as a variable, which has the name of that expression."""
+    """What is stored over the parameter as a variable, which has the name of that expression; the unknown
+    itself where the parameter is -1, for none."""
     variable = flat.unknowns[stored]
+    if parameter < 0:
+        return variable
     name = f"{variable.name}/{flat.parameters[parameter].name}"
     return replace(variable, name=name, unit=potential_unit(flat, stored, parameter))
+
+
+def potential_symbol(flat: FlatModel, stored: int, parameter: int) -> ca.SX:
+    """The expression of `potential`."""
+    symbol = flat.xi[stored]
+    return symbol if parameter < 0 else symbol / flat.theta[parameter]
 
 
 def potential_unit(flat: FlatModel, stored: int, parameter: int) -> str:
