@@ -138,6 +138,49 @@ def test_effect_beside_a_force_is_driven_by_the_relative_motion(tmp_path, form, 
     np.testing.assert_allclose(simulated(written.flat), expected, rtol=1e-5)
 
 
+CARRIED = """model Two
+  parameter Real m1(unit = "kg") = 2;
+  parameter Real m2(unit = "kg") = 3;
+  parameter Real c(unit = "N/m") = 40;
+  parameter Real d(unit = "N.s/m") = 0.5;
+  input Real u(unit = "N");
+  output Real y1(unit = "m") = s1;
+  output Real y2(unit = "m") = s1 + x;
+  Real s1(unit = "m", start = 0, fixed = true);
+  Real x(unit = "m", start = 0, fixed = true);
+  Real v1(unit = "m/s", start = 0, fixed = true);
+  Real vr(unit = "m/s", start = 0, fixed = true);
+equation
+  der(s1) = v1;
+  der(x) = vr;
+  m1*der(v1) = u + c*x + d*vr;
+  m2*(der(v1) + der(vr)) = -c*x - d*vr;
+end Two;
+"""
+
+
+@pytest.mark.parametrize("class_name", LAWS)
+def test_a_force_between_a_body_and_its_carrier_acts_on_both(tmp_path, class_name):
+    """The speed of the second body is told relative to the first one: what acts beside their spring goes
+    with that, and the first body takes it the other way. It had been a force on the second body alone."""
+    values, law = LAWS[class_name]
+    path = tmp_path / "Two.mo"
+    path.write_text(CARRIED)
+    flat, effect = compile_model(path), find_effect(class_name)
+    (site,) = [s for s in sites(flat) if s.kind == "force"]
+    assert (site.name, site.is_grounded) == ("3:vr, 2:v1", False)
+    assert site.given == {"c": "c", "d": "d"}
+    for model in both_ways(path, flat, effect, site, values):
+        np.testing.assert_allclose(simulated(model), two_bodies(law), rtol=1e-5)
+
+
+def test_what_stands_in_one_of_two_balances_alone_is_no_force_on_a_carrier():
+    """Beside the sum of both balances in place of the first one the spring acts on the second row alone."""
+    summed = CARRIED.replace("m1*der(v1) = u + c*x + d*vr", "(m1 + m2)*der(v1) + m2*der(vr) = u")
+    flat = compile_text(summed.encode(), Path("Two.mo"))
+    assert all(site.is_grounded for site in sites(flat) if site.kind == "force")
+
+
 TWIST = GIVEN.replace(SPRING, "c*x + d*(v1 - v2)").replace(
     "equation\n", '  Real x(unit = "m", start = 0, fixed = true);\nequation\n  der(x) = v1 - v2;\n'
 )

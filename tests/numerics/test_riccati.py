@@ -87,6 +87,15 @@ def test_a_mode_on_the_unit_circle_without_noise_is_refused_at_once(Phi, Q, monk
     assert filter_riccati(np.array(Phi), C, np.array(Q), R, S12) is None
 
 
+def test_schur_vectors_that_leave_the_innovations_singular_are_no_solution(monkeypatch):
+    """As here with P = -R, the step that refines P cannot divide by C P Cᵀ + R: a search for what a water
+    turbine lacks, with values far off, ended with an internal error."""
+    one = np.ones((1, 1))
+    monkeypatch.setattr(riccati.scipy.linalg, "solve_discrete_are", lambda *_, **__: -one)
+    monkeypatch.setattr(riccati, "_doubled", lambda *_: None)
+    assert riccati.filter_riccati(1.5 * one, one, one, one, 0.0 * one) is None
+
+
 def test_what_no_output_sees_is_found_once_for_one_model():
     Phi, C = np.array([[0.9, 0.1], [0.0, 0.8]]), np.array([[0.0, 1.0]])
     _, hidden = unobservable_subspace(Phi, C)

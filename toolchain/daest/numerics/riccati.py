@@ -250,15 +250,16 @@ def _doubled_in_units_of(
 def _schur(
     Phi: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, S12: np.ndarray
 ) -> np.ndarray | None:
-    """Solution from the Schur vectors of the extended pencil; each Newton step is a Lyapunov equation."""
+    """Solution from the Schur vectors of the extended pencil; each Newton step is a Lyapunov equation. None
+    where there is none, or where what the vectors give is no covariance: it may leave C P Cᵀ + R singular."""
     try:
         P = scipy.linalg.solve_discrete_are(Phi.T, C.T, Q, R, s=S12)
+        for _ in range(REFINEMENTS):
+            P = _newton(P, Phi, C, Q, R, S12)
+            if P is None:
+                return None
     except (np.linalg.LinAlgError, ValueError):
         return None
-    for _ in range(REFINEMENTS):
-        P = _newton(P, Phi, C, Q, R, S12)
-        if P is None:
-            return None
     return P
 
 

@@ -11,6 +11,10 @@ in `d*(w - rad*rate)`, or move an unknown, as the speed of a trolley does by `de
 the body comes in without that of the input, as in `u = kp*(r - phi) - kd*w`, or a sum over time of both
 speeds as in `tau = kp*(r - w) + ki*e`, `der(e) = r - w`, it may be the command of a controller as well.
 
+The speed of one body may be told relative to another that carries it, as vr in `m2*(der(v1) + der(vr)) = -F`
+beside `m1*der(v1) = u + F`: it is the relative motion itself, and the carrier takes the same force the other
+way.
+
 A spring to what does not move has its place in the balance of the body: for what changes it, as a play does.
 What acts on the body alone is a term of the balance itself."""
 
@@ -18,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import casadi as ca
 import numpy as np
@@ -58,7 +63,8 @@ class InternalForce:
     them, the inputs, with their factors, that are what the bodies stand on: they are part of the relative
     motion. `deflection` is the unknown of the model that is the relative position, as phi in
     `der(phi) = w1 - w2` or e in `e = z - road`, with its sign; None where there is none. `beside` are other
-    forces that the same motion drives, as that of a damper beside that of a spring."""
+    forces that the same motion drives, as that of a damper beside that of a spring. `carrier` is the balance
+    of the body relative to which the speed of the only one of the `bodies` is told; None for none."""
 
     domain: Domain
     bodies: tuple[tuple[Balance, ca.SX], ...]
@@ -67,17 +73,23 @@ class InternalForce:
     ground: tuple[tuple[int, float], ...] = ()
     deflection: tuple[int, float] | None = None
     beside: tuple[InternalForce, ...] = ()
+    carrier: Balance | None = None
 
     def name(self, flat: FlatModel) -> str:
         if self.variable is not None:
             return f"{self.entries[0].row}:{flat.unknowns[self.variable].name}"
-        return ", ".join([*(body.name(flat) for body, _ in self.bodies), *self._ground_names(flat)])
+        return ", ".join([*(body.name(flat) for body in self._acting), *self._ground_names(flat)])
 
     def aliases(self, flat: FlatModel) -> tuple[str, ...]:
         if self.variable is not None:
             return flat.equations[self.entries[0].row].text, flat.unknowns[self.variable].name
-        bodies = [body.potential(flat).name for body, _ in self.bodies]
+        bodies = [body.potential(flat).name for body in self._acting]
         return (", ".join([*bodies, *self._ground_names(flat)]),)
+
+    @property
+    def _acting(self) -> list[Balance]:
+        """The balances that a force enters which stands in them."""
+        return [*(body for body, _ in self.bodies), *([] if self.carrier is None else [self.carrier])]
 
     def _ground_names(self, flat: FlatModel) -> list[str]:
         return [_moved_names(flat)[i] for i, _ in self.ground]
@@ -85,7 +97,7 @@ class InternalForce:
     @property
     def is_grounded(self) -> bool:
         """Whether it acts between one body and what does not move."""
-        return len(self.bodies) == 1 and not self.ground
+        return len(self.bodies) == 1 and not self.ground and self.carrier is None
 
     @property
     def has_positions(self) -> bool:
@@ -122,7 +134,8 @@ class InternalForce:
         at = {(one.row, one.variable): one for one in known}
         bodies = tuple((at[body.row, body.variable], factor) for body, factor in self.bodies)
         beside = tuple(one._with_bodies(known) for one in self.beside)
-        return replace(self, bodies=bodies, beside=beside)
+        carrier = None if self.carrier is None else at[self.carrier.row, self.carrier.variable]
+        return replace(self, bodies=bodies, beside=beside, carrier=carrier)
 
     def _own_coefficients(self, flat: FlatModel) -> dict[str, str]:
         if self.variable is None:
@@ -173,6 +186,7 @@ def _forces_of_speeds(flat: FlatModel) -> list[InternalForce]:
     for force in (
         *_given_by_equations(flat, bodies, movers),
         *_in_balances(flat, bodies),
+        *_on_carriers(flat, bodies),
         *_on_moved_ground(flat, bodies, movers),
         *_on_fixed_ground(flat, bodies),
     ):
@@ -464,6 +478,35 @@ def _in_balances(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[Interna
         ]
         joined = tuple((body, ratio) for (body, _), ratio in zip(both, ratios, strict=True))
         yield InternalForce(domain, joined, tuple(entries), deflection=_deflection(flat, joined))
+
+
+def _on_carriers(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[InternalForce]:
+    """Forces between a body and the one relative to which its speed is told: a parameter acts on both with
+    opposite signs, and with what moves the one against the other."""
+    for body, carrier in _carried(flat, bodies):
+        domain, factor, of_carrier = body.domain(flat), flow_factor(flat, body), flow_factor(flat, carrier)
+        if domain is None or factor is None or of_carrier is None:
+            continue
+        acts = ca.jacobian(body.sign * flat.residual[body.row] / factor, flat.theta)
+        reacts = ca.jacobian(carrier.sign * flat.residual[carrier.row] / of_carrier, flat.theta)
+        own = ca.vertcat(*(flat.xi[i] for i in (body.variable, body.position) if i >= 0))
+        entries = (Entry(body.row, body.sign, factor), Entry(carrier.row, -carrier.sign, of_carrier))
+        for k in range(flat.theta.numel()):
+            if ca.depends_on(acts[k], own) and are_same(flat, acts[k], -reacts[k], flat.theta_values):
+                yield InternalForce(domain, ((body, ca.SX(1.0)),), entries, carrier=carrier)
+
+
+def _carried(flat: FlatModel, bodies: Sequence[Balance]) -> Iterator[tuple[Balance, Balance]]:
+    """Pairs of a body and its carrier: the row of the body holds the rate of the carrier's speed with the
+    same mass as that of its own, which the row of the carrier does not hold."""
+    rates = ca.vertcat(flat.xi, flat.derivatives)
+    held = set(_dependences(flat.residual, rates))  # once for all: the bodies of a chain are many
+    for body, carrier in permutations(bodies, 2):
+        if (body.row, carrier.rate) not in held or (carrier.row, body.rate) in held:
+            continue
+        masses = ca.jacobian(flat.residual[body.row], rates[[body.rate, carrier.rate]])
+        if body.domain(flat) == carrier.domain(flat) and are_same(flat, masses[0], masses[1]):
+            yield body, carrier
 
 
 def _domain_of_motion(flat: FlatModel, bodies: Sequence[Balance], ratios: Sequence[ca.SX]) -> Domain | None:
