@@ -55,7 +55,7 @@ from daest.diagnosis.without_equations.switching import diagnose_switching
 from daest.errors import EstimationError
 from daest.estimation.fitting.records import n_observed
 from daest.model.defaults import MOST_EFFECTS
-from daest.model.diagnosis import Candidate, Diagnosis, Improvement, Proof, Screened, Step
+from daest.model.diagnosis import Candidate, Diagnosis, Improvement, Proof, Screen, Screened, Step
 from daest.model.effects import Effect
 from daest.model.experiment import Experiment
 from daest.model.fit import FitResult, error_ratios
@@ -290,12 +290,12 @@ def _last_added(found: Improvement) -> list[Proof]:
 
 
 def _searched(task: _Task) -> _Path:
-    """The best path, followed to its end. Where it ends and something is missing still, paths that it has put
-    aside are taken up again: what was not separable from its effects may be what goes on. Raises
-    _OtherHoldError, and what `examine` raises."""
+    """The best path, followed to its end. Where it ends and something is missing still, one that begins with
+    another law, and paths that it has put aside, are followed: what was not separable from its effects may be
+    what goes on. Raises _OtherHoldError, and what `examine` raises."""
     paths = [_Path(task.root, task.first)]
     put_aside: list[_Path] = []
-    n_taken_up = 0
+    n_taken_up, is_begun_anew = 0, False
     while True:
         while any(path.last is None for path in paths):
             grown = [
@@ -305,13 +305,63 @@ def _searched(task: _Task) -> _Path:
             kept = {id(path) for path in paths}
             put_aside += [path for path in grown if path.last is None and id(path) not in kept]
         last = paths[0].last
-        is_done = last is None or last.verdict == "nothing missing" or task.options.is_over
-        if is_done or not put_aside or n_taken_up == MOST_TAKEN_UP:
+        if last is None or last.verdict == "nothing missing" or task.options.is_over:
+            return _beside_others(paths)
+        if not is_begun_anew:
+            is_begun_anew = True
+            put_aside = [*_begun_otherwise(task, [*paths, *put_aside]), *put_aside]
+        if not put_aside or n_taken_up == MOST_TAKEN_UP:
             return _beside_others(paths)
         n_taken_up += 1
         other = put_aside.pop(0)
         task.progress(f"going on with {_label(other.steps[-1])} instead")
         paths = [*paths, other]
+
+
+def _begun_otherwise(task: _Task, paths: Sequence[_Path]) -> list[_Path]:
+    """A path that begins with another law than the best one does: with the one that leads the screen, or that
+    of the other kind that leads there, of a signal in place of one in the machine or the other way round. It
+    is to explain nearly as much alone: of two laws that are missing at once, a third may do most of what both
+    do, and a law bends to the other. None where there is none, or it was begun with already."""
+    number = len(task.first)
+    first = next(iter(paths[0].steps[number:]), None)
+    if first is None or first.proof is None or first.diagnosis is None:
+        return []
+    known = {_label(path.steps[number]) for path in paths if len(path.steps) > number}
+    for entry in _other_leaders(first.diagnosis.screen, first.proof.candidate):
+        if entry.candidate.label in known:
+            continue
+        task.progress(f"refitting with {entry.candidate.label} in place of {_label(first)}")
+        with suppress(*FAILURES, OutOfTimeError), until(task.options.until):
+            proof = proved_beside(task.root, Trial(entry.candidate, entry.sizes, ()), {})
+            begun = _begun_with(task, proof, first.proof, first.diagnosis)
+            if begun:
+                return begun
+    return []
+
+
+def _begun_with(task: _Task, proof: Proof, first: Proof, diagnosis: Diagnosis) -> list[_Path]:
+    """The paths that begin with a law in place of the `first`: by itself where it is accepted and explains
+    nearly as much; together with what follows where it was refused, and is likelier than the first."""
+    begin = _Path(task.root, task.first)
+    if proof.verdict != "rejected" and _helps(task.root.told, proof):
+        is_near = proof.delta_log_likelihood > GATES.min_doubted_gain * first.delta_log_likelihood
+        return [_extended(task, begin, proof, diagnosis)] if is_near else []
+    is_likely = proof.is_known and proof.delta_bic > first.delta_bic
+    return _with_unproven(task, begin, diagnosis, proof) if is_likely else []
+
+
+def _other_leaders(screen: Screen, first: Candidate) -> list[Screened]:
+    """Of the screened laws without states of their own that of the highest score, and that of those of the
+    other kind than the `first`: at signals or in the machine; without the `first` itself."""
+    entries = [
+        entry
+        for entry in screen.entries
+        if entry.p_value < GATES.screen_level
+        and not (entry.absorbed or entry.candidate.is_dynamic or entry.candidate.is_of_parameter)
+    ]
+    others = [entry for entry in entries if entry.candidate.is_of_signal != first.is_of_signal]
+    return [e for e in (*entries[:1], *others[:1]) if e.candidate.label != first.label]
 
 
 def _beside_others(paths: Sequence[_Path]) -> _Path:
