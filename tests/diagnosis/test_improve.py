@@ -17,7 +17,7 @@ from daest.diagnosis.refits.rounds import proved_again
 from daest.diagnosis.screening.candidates import pairs
 from daest.diagnosis.screening.disturbance import place_gains, smoothed_load
 from daest.errors import EstimationError
-from daest.model.diagnosis import Ahead, Diagnosis, Screen, Step
+from daest.model.diagnosis import Ahead, Diagnosis, Screen, Screened, Step
 from daest.model.fit import Agreement
 from daest.modelica.places.sites import sites
 
@@ -98,6 +98,27 @@ def test_both_of_two_effects_that_are_not_separable_are_pursued(rounds, end, mor
     assert asked == [[], ["CoulombFriction"], *more]
     assert [s.proof.candidate.effect.name for s in result.steps if s.proof] == ["CoulombFriction"]
     assert result.steps[1].remark == "not separable from the other" and result.reason == "said"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "factor", "is_asked"),
+    [("supported", 0.9, True), ("supported", 0.1, False), ("rejected", 0.9, False), ("rejected", 1.1, True)],
+)
+def test_another_law_is_begun_with_where_something_is_missing_still(
+    rounds, monkeypatch, verdict, factor, is_asked
+):
+    friction, drag = (proof_of(n) for n in ("CoulombFriction", "QuadraticDrag"))
+    friction = replace(friction, verdict="supported", delta_log_likelihood=100.0, delta_bic=100.0)
+    gains = {"delta_log_likelihood": 100.0 * factor, "delta_bic": 100.0 * factor, "is_known": True}
+    monkeypatch.setattr(improving, "proved_beside", lambda *_: replace(drag, verdict=verdict, **gains))
+    leading = [Screened(p.candidate, 9.0, (0.1,), 1e-9, False, 0.1) for p in (drag, friction)]
+    screen = Screen(tuple(leading), np.eye(2), 1e-9, 2, ())
+
+    def next_round(inside):
+        return replace(found([] if inside else [friction], "unknown effect"), screen=screen)
+
+    result, asked = rounds(next_round)
+    assert (["QuadraticDrag"] in asked) == is_asked
 
 
 def test_an_effect_that_may_stand_for_a_given_value_is_told_with_what_to_do(rounds):
