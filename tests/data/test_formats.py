@@ -38,6 +38,7 @@ FORMS = {
     "plain": HEAD + rows(),
     "decimal comma": HEAD.replace(",", ";") + rows(";", ","),
     "decimal comma and tab": HEAD.replace(",", "\t") + rows("\t", ","),
+    "decimal comma in quotes": HEAD + '"' + rows('","', ",").replace("\n", '"\n"').rstrip('"'),
     "bar": HEAD.replace(",", "|") + rows("|"),
     "white space": "time  u  phi [deg]\n" + rows("   "),
     "units row": "time,u,phi\ns,V,deg\n" + rows(),
@@ -87,6 +88,7 @@ def test_what_is_no_text(tmp_path, raw):
 BAD = {
     "unit twice": ("time,u,phi [rad]\ns,V,deg\n0,1,2\n1,1,2\n", "data-unit-twice", "'phi'"),
     "thousands": ("time;u;phi\n0;1.234,5;2\n1;1,5;2\n", "data-text", "1.234,5"),
+    "thousands in quotes": ('time,u,phi\n0,"1,234",2\n1,"2,345",2\n', "data-text", "1,234"),
     "underscore": ("time,u,phi\n0,1_0,2\n1,1,2\n", "data-text", "1_0"),
     "names alone in a comment": ("# time,u\n0,1,2\n1,1,2\n", "data-no-header", ":2"),
 }

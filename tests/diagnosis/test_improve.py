@@ -117,7 +117,7 @@ def test_another_law_is_begun_with_where_something_is_missing_still(
     def next_round(inside):
         return replace(found([] if inside else [friction], "unknown effect"), screen=screen)
 
-    result, asked = rounds(next_round)
+    _, asked = rounds(next_round)
     assert (["QuadraticDrag"] in asked) == is_asked
 
 

@@ -9,6 +9,7 @@ import csv
 import os
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -131,7 +132,10 @@ def _cells(line: str, separator: str) -> list[str]:
     """One line as cells; a cell of several lines is not looked at here."""
     if separator == SPACES:
         return _GAP.split(line.strip())
-    return line.replace('"', "").split(separator)
+    if '"' in line:
+        with suppress(csv.Error):  # such as a cell of more than 131072 characters
+            return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    return line.split(separator)
 
 
 def _separator(lines: list[str]) -> str:
@@ -141,8 +145,7 @@ def _separator(lines: list[str]) -> str:
     scores = {}
     for separator in SEPARATORS:
         rows = [_cells(line, separator) for line in sample]
-        decimals = (".",) if separator == "," else (".", ",")
-        scores[separator] = max(_score(rows, decimal) for decimal in decimals)
+        scores[separator] = max(_score(rows, decimal) for decimal in (".", ","))
     best = max(SEPARATORS, key=lambda separator: scores[separator])
     if scores[best] > 0:
         return best
@@ -158,12 +161,19 @@ def _score(rows: list[list[str]], decimal: str) -> float:
 
 
 def _decimal(lines: list[str], separator: str) -> str:
-    """The comma where it parts no cells, some numbers have one and none has a point."""
-    if separator == "," or not any("," in line for line in lines):
+    """The comma where some numbers have one and none has a point. Where it parts the cells, too, it stands
+    between quotes: in most lines, with other than three digits behind it, or it is a slip or parts thousands.
+    """
+    if not any("," in line and (separator != "," or '"' in line) for line in lines):
         return "."
     cells = [cell.strip() for line in lines for cell in _cells(line, separator)]
-    commas = sum("," in cell and cell_number(cell, ",") is not None for cell in cells)
+    commas = [cell for cell in cells if "," in cell and cell_number(cell, ",") is not None]
     points = sum("." in cell and cell_number(cell, ".") is not None for cell in cells)
+    if separator == "," and (
+        2 * sum('"' in line for line in lines[1:]) < len(lines)
+        or all(len(cell.rpartition(",")[2]) == 3 for cell in commas)
+    ):
+        return "."
     return "," if commas and not points else "."
 
 
