@@ -501,7 +501,7 @@ class _Assembly:
 
     def _at_input(self, member: _Member, own: str, name: str) -> None:
         """The potential of the effect's connector `own` follows the temperature that is the input `name`."""
-        at = next(i for i, one in enumerate(self.flat.inputs) if one.name == name)
+        at = self._found({one.name: i for i, one in enumerate(self.flat.inputs)}, name)
         self._tie(*member.local(own, 0), *_potential_of(self.flat.inputs[at], self.u[at]))
 
     def _beside_force(self, member: _Member, name: str) -> None:
