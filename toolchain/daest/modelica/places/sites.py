@@ -311,7 +311,7 @@ def find_site(flat: Model, name: str, effect: Effect | None = None, number: int 
         bodies = ", ".join(part.rpartition(":")[2] for part in wanted.split(", "))
         between = [s for s in known if s.kind in ("exchange", "force", "mesh") and s not in found]
         found += [s for s in between if bodies == s.aliases[-1]]
-        alike = [s for s in own if variable == s.aliases[1] and fits(effect, s)]
+        alike = [s for s in own if variable in s.aliases[1:] and fits(effect, s)]
         found += [s for s in own if wanted == s.name] or alike[number : number + 1] or alike
     if effect is not None and effect.attach == "series":
         found += _first_connector(found, known)

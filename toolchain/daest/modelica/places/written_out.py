@@ -97,14 +97,14 @@ def potential_unit(flat: FlatModel, stored: int, parameter: int) -> str:
 def _temperature(flat: FlatModel) -> str:
     """The unit of all temperatures of the model, from whose zero heat over a capacity counts, too; empty
     where they have several. Those of effects in the model, which are absolute, tell nothing of its own."""
-    effects = _effects(flat)
+    effects = effects_in(flat)
     own = [x for x in flat.unknowns if x.name.partition(".")[0] not in effects]
     units = {x.unit for part in (own, flat.inputs, flat.outputs) for x in part}
     known = {unit for unit in units if is_of(unit, "K") and converts(unit, "K")}
     return known.pop() if len(known) == 1 and known <= {*_TEMPERATURES} else ""
 
 
-def _effects(flat: FlatModel) -> frozenset[str]:
+def effects_in(flat: FlatModel) -> frozenset[str]:
     """The components of the model that are effects, or terms for them: those that were attached, and those
     that its text holds, as some of their variables are declared in these parts of the library."""
     root = bundled_root()
