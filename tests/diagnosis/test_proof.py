@@ -2202,6 +2202,12 @@ def test_likelier_lag_that_only_comes_near_is_asked_for_the_hold_of_each_input(m
     assert holding._runner_up([proof, near]) == []
     shown, other = replace(proof, is_by_use=True), replace(near, comes_near=False)
     assert holding._runner_up([shown, near]) == [] and holding._runner_up([other, shown]) == [other]
+    # It speaks for the other hold where it is likelier with that than itself and the best are with this one.
+    least = []
+    with monkeypatch.context() as patched:
+        patched.setattr(holding, "_better_hold_of", lambda _null, _proof, before: least.append(before))
+        assert holding.better_hold(rubbing(), [shown, other]) is None
+    assert least == [shown.fit.log_likelihood, likelier.log_likelihood]
     monkeypatch.setattr(holding, "open_inputs", lambda *_: ("air", "feed"))
     null = replace(rubbing().null, hold="zoh(air)", other_hold="zoh(air, feed)", hold_lead=4.0)
     asked = [{one.hold for one in holding._otherwise(null, p)} for p in (proof, near)]

@@ -62,7 +62,7 @@ class Holds:
 def better_hold(stand: Stand, proofs: Sequence[Proof]) -> Hold | None:
     """The other hold, where one of the candidates that are asked fits better with it."""
     asked = [(p, p.fit.log_likelihood) for p in _asked(proofs)]
-    asked += [(p, asked[0][1]) for p in _runner_up(proofs)]
+    asked += [(p, max(asked[0][1], p.fit.log_likelihood)) for p in _runner_up(proofs)]
     return next((hold for p, ll in asked if (hold := _better_hold_of(stand.null, p, ll)) is not None), None)
 
 
