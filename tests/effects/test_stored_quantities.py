@@ -341,9 +341,7 @@ def test_places_of_stored_heat_stay_beside_an_effect_whose_ports_are_absolute(tm
     written.write_text(made.text)
     for name, place in (("WallCapacity", "0:Ec/Cc, 1:Em/Cm"), ("HeatLoss", "0:Ec/Cc")):
         effect = find_effect(f"Thermal.{name}")
-        second = extend_model(
-            written, made.class_name, effect, find_site(made.flat, place, effect), "second"
-        )
+        second = extend_model(written, made.class_name, effect, find_site(made.flat, place, effect), "second")
         assert second.text.count("(T = Ec/Cc + 273.15)") == 1
 
 

@@ -160,7 +160,8 @@ def _proposed(flat: Model, text: bytes) -> tuple[str, ...]:
         used = set(used_parameters(flat))
     noises = {f"{noise.name.rpartition('.')[0]}.intensity" for noise in flat.noises}
     with_unit = {p.name for p in flat.parameters if p.unit not in ("", "1")}
-    if all(x.unit == "1" for x in (*flat.inputs, *flat.outputs)):
+    units = {*(u.unit for u in flat.inputs), *(y.unit for y in flat.outputs)}
+    if units == {"1"}:
         with_unit |= {p.name for p in flat.parameters if p.unit == "1"}
     told = with_unit or set(flat.parameter_names)
     may_be = [
