@@ -245,6 +245,23 @@ def test_descriptions_name_columns_and_parameters_are_proposed(box, daest):
     assert load_project().parameters["C"].estimate
 
 
+def test_in_per_unit_every_parameter_is_a_quantity(folder, daest):
+    (folder / "Bath.mo").write_text(
+        """model Bath
+  parameter Real l(unit = "s") = 0.01;
+  parameter Real r(unit = "1") = 0.4;
+  input Real u(unit = "1");
+  output Real i(unit = "1", start = 0, fixed = true);
+equation
+  l*der(i) = u - r*i;
+end Bath;
+"""
+    )
+    (folder / "bath.csv").write_text("t,u,i\n" + "".join(f"{k / 100},{k % 3},{k % 5}\n" for k in range(40)))
+    document = json.loads(daest("init", "Bath.mo", "bath.csv", "--format", "json")[1])
+    assert document["proposed"] == ["l", "r"]
+
+
 COMPONENTS = """model Wall
   Daest.Thermal.HeatTransfer.Sources.PrescribedHeatFlow heater;
   Daest.Thermal.HeatTransfer.Components.HeatCapacitor room(C = 4e5);

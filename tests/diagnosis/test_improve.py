@@ -419,6 +419,10 @@ def test_pair_is_added_where_each_is_accepted_beside_the_other(rounds, monkeypat
     monkeypatch.setattr(improving, "promising_pairs", lambda _: [] if beside.done else [entries])
     monkeypatch.setattr(improving, "proved_beside", beside)
     monkeypatch.setattr(improving, "gains_beside", lambda *_: gains)
+    judged = []
+    monkeypatch.setattr(
+        improving, "_without_superfluous", lambda _, path: judged.append(improving._labels(path)) or path
+    )
     beside.done = False
 
     def next_round(inside):
@@ -431,6 +435,8 @@ def test_pair_is_added_where_each_is_accepted_beside_the_other(rounds, monkeypat
     if gains and not refused:
         assert added[0].remark == "only together with QuadraticDrag at rotor.flange_a"
         assert added[0].proof.verdict == "supported" and added[0].proof.reason == ""
+    # What was added before may be superfluous beside both.
+    assert len(judged) == (1 if added else 0)
 
 
 @pytest.mark.parametrize("is_known", [True, False])

@@ -166,6 +166,25 @@ end Whole;
 """
 
 
+def test_sign_of_a_load_is_known_where_parameters_are_factors_of_what_flows():
+    """A model in per unit, beside a law that an earlier round has put in."""
+    text = """model Choke
+  parameter Real l(unit = "s") = 0.01;
+  parameter Real r(unit = "1") = 0.4;
+  input Real u(unit = "1");
+  output Real i(unit = "1", start = 0);
+equation
+  l*der(i) = u - r*i;
+end Choke;
+"""
+    flat = compile_text(text.encode(), MODELS / "Choke.mo", "Choke")
+    loss = next(e for e in library() if e.class_name.endswith("FirstOrderLoss"))
+    (site,) = [s for s in sites(flat) if s.kind == "equation" and s.domain == "amount"]
+    both = attach(flat, loss, site)
+    row = next(k for k, e in enumerate(both.equations) if "der(i)" in e.text)
+    assert load_sign(both, row) == load_sign(flat, 0) == 1.0
+
+
 @pytest.mark.parametrize("name", ["Rotor", pytest.param("TwoMass", marks=pytest.mark.slow), "Whole"])
 def test_sign_of_a_load_is_that_of_a_torque_into_the_node(name):
     flat = compile_text(INSIDE.encode(), MODELS / "Whole.mo", name) if name == "Whole" else model(name)

@@ -46,7 +46,7 @@ from daest.diagnosis.evidence.reasons import (
     without_evidence,
     wrong_law,
 )
-from daest.diagnosis.evidence.refused_beside import _ends_in_a_simpler_law
+from daest.diagnosis.evidence.refused_beside import _ends_in_a_simpler_law, without_imitations
 from daest.diagnosis.evidence.same_laws import is_linear_law
 from daest.diagnosis.evidence.stand import begin, reference_of
 from daest.diagnosis.evidence.unseen import SIMULATED_WORSE
@@ -1092,6 +1092,35 @@ def test_flexible_part_that_gains_little_beyond_a_short_lag_is_refused(share, ne
     assert found.verdict == verdict
     much = "says nearly as much with fewer parameters"
     assert not found.reason or found.reason == f"{lag.candidate.label} {much}, but it is short"
+
+
+@pytest.mark.parametrize(
+    ("more", "nearer", "verdict"),
+    [(0.01, 1.0, "rejected"), (0.5, 1.0, "supported"), (0.01, 0.7, "supported")],
+)
+def test_law_that_its_simulation_shows_is_held_against_a_short_lag_by_what_both_gain_beside_loads(
+    more, nearer, verdict
+):
+    """The melt of a furnace whose thermometer is late had a wall with a store of its own: its simulation
+    gained far more than the lag beside loads, where it gained as little."""
+    _, friction = proved()
+    flexible = pairs(some_effects("FlexibleAppendage"), sites(model()))[0]
+    lag = replace(friction, verdict="rejected", reason="it is short", is_any_dynamics=True)
+    known = friction.told.simulated["validation"]
+    simulated = {"validation": replace(known, rms={y: nearer * e for y, e in known.rms.items()})}
+    gain = friction.delta_log_likelihood
+    shown = replace(
+        friction,
+        candidate=flexible,
+        fit=replace(friction.fit, log_likelihood=friction.fit.log_likelihood + more * gain),
+        final=replace(friction.told, simulated=simulated),
+        delta_log_likelihood=12.0 * gain,
+        delta_bic=24.0 * gain,
+        is_by_use=True,
+    )
+    assert without_imitations([shown, lag])[0].verdict == verdict
+    # Of a lag that its simulation shows, too, the gains are of one kind.
+    assert without_imitations([shown, replace(lag, is_by_use=True)])[0].verdict == "supported"
 
 
 @pytest.mark.parametrize(("ahead", "verdict"), [(0.0, "rejected"), (20.0, "supported")])
@@ -2169,6 +2198,16 @@ def test_likelier_lag_that_only_comes_near_is_asked_for_the_hold_of_each_input(m
     assert holding._asked([proof, near]) == [proof, near]
     assert holding._asked([proof, replace(near, comes_near=False)]) == [proof]
     assert holding._asked([proof, replace(near, fit=proof.fit)]) == [proof]
+    # What its simulation alone has got accepted may have bent to the wrong hold: the next law is asked, too.
+    assert holding._runner_up([proof, near]) == []
+    shown, other = replace(proof, is_by_use=True), replace(near, comes_near=False)
+    assert holding._runner_up([shown, near]) == [] and holding._runner_up([other, shown]) == [other]
+    # It speaks for the other hold where it is likelier with that than itself and the best are with this one.
+    least = []
+    with monkeypatch.context() as patched:
+        patched.setattr(holding, "_better_hold_of", lambda _null, _proof, before: least.append(before))
+        assert holding.better_hold(rubbing(), [shown, other]) is None
+    assert least == [shown.fit.log_likelihood, likelier.log_likelihood]
     monkeypatch.setattr(holding, "open_inputs", lambda *_: ("air", "feed"))
     null = replace(rubbing().null, hold="zoh(air)", other_hold="zoh(air, feed)", hold_lead=4.0)
     asked = [{one.hold for one in holding._otherwise(null, p)} for p in (proof, near)]

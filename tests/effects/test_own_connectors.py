@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from effect_rig import characteristic
+from scipy.integrate import solve_ivp
 
 from daest.errors import ModelError
 from daest.modelica.compile import compile_model
@@ -101,7 +102,8 @@ def test_flow_in_other_units_is_that_of_the_law(path):
     for model in (attached, written.flat):
         assert settled(model) == pytest.approx(expected(LEAK_IN_UNITS), rel=1e-6)
     assert abs(expected(LEAK_IN_UNITS) / expected() - 1) > 0.05
-    assert not [one for one in sites(flat) if one.kind == "connector"]
+    places = [one.name for one in sites(flat) if one.kind == "connector" and one.domain == "hydraulic"]
+    assert places == ["pump.port", "hose.port", "motor.port"]
 
 
 def test_body_whose_connector_has_a_speed_is_a_place(path):
@@ -268,3 +270,62 @@ def test_sizes_where_neither_volumes_nor_masses_flow_are_told_in_what_flows(tmp_
     assert told["ConstantFlow"]["q_0"] == "mbar.l/s"
     assert told["Leak"]["G"] == "mbar.l/(s.Pa)"
     assert told["WideningTank"]["k"] == ""
+
+
+CHAMBER = """
+package B
+  connector Tube
+    Real p(unit = "mmHg");
+    flow Real q(unit = "ml/s");
+  end Tube;
+  model Chamber
+    Tube a;
+    parameter Real C(unit = "ml/mmHg") = 0.9;
+    Real p(unit = "mmHg", start = 10, fixed = true);
+  equation
+    p = a.p;
+    C*der(p) = a.q;
+  end Chamber;
+  model Needle
+    Tube a;
+    parameter Real R(unit = "mmHg.s/ml") = 0.6;
+  equation
+    a.p = R*a.q;
+  end Needle;
+  model Bag
+    output Real y(unit = "mmHg") = chamber.p;
+    Chamber chamber;
+    Needle needle;
+  equation
+    connect(chamber.a, needle.a);
+  end Bag;
+end B;
+"""
+
+
+def test_effect_in_series_between_connectors_in_other_units(tmp_path):
+    """The drop of a hole is told in SI, whatever the connectors are in."""
+    file = tmp_path / "B.mo"
+    file.write_text(CHAMBER)
+    flat, orifice = compile_model(file, "B.Bag"), find_effect("Hydraulic.Orifice")
+    site = find_site(flat, "needle.a", orifice)
+    k, mmHg, ml = 0.16, 133.322387415, 1e-6
+
+    def rate(_, p):
+        return -(-0.6 + np.sqrt(0.36 + 4.0 * k * p)) / (2.0 * k) / 0.9
+
+    time = np.linspace(0.0, 4.0, 41)
+    expected = solve_ivp(rate, (0.0, 4.0), [10.0], t_eval=time, rtol=1e-9, atol=1e-9).y[0]
+    values = {"k": k * mmHg / ml**2, "q_s": 1e-10}
+    attached = attach(flat, orifice, site, values=values)
+    made = extend_model(file, "B.Bag", orifice, site, values=values)
+    for model in (attached, made.flat):
+        outputs = simulate(model, (time, np.zeros((41, 0)))).outputs[:, 0]
+        np.testing.assert_allclose(outputs, expected, rtol=1e-4)
+    # Where nothing changes the drop is that of the text, too.
+    again = tmp_path / "again.mo"
+    again.write_text(made.text)
+    second = find_site(made.flat, "needle.a", orifice)
+    twice = extend_model(again, made.class_name, orifice, second, "second", values=values)
+    outputs = simulate(twice.flat, (time, np.zeros((41, 0)))).outputs[:, 0]
+    assert np.all(outputs[1:] > expected[1:])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from daest import compile_model
+from daest.errors import ModelError
 from daest.model.flat import FlatModel
 from daest.modelica.effects.attach import attach
 from daest.modelica.effects.catalogue import find_effect
@@ -304,3 +306,47 @@ def test_a_flux_over_an_inductance_is_the_current_of_a_mesh(tmp_path: Path) -> N
     assert np.ptp(courses[0]) > 0.1
     np.testing.assert_allclose(courses[1], courses[0], rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(courses[2], courses[0], rtol=1e-5, atol=1e-7)
+
+
+FURNACE = """\
+model Furnace
+  parameter Real Cc(unit = "kJ/K") = 9;
+  parameter Real Cm(unit = "kJ/K") = 24;
+  parameter Real G(unit = "kW/K") = 0.1;
+  input Real P(unit = "kW");
+  output Real T(unit = "degC");
+  Real Ec(unit = "kJ", start = 1200), Em(unit = "kJ", start = 2900);
+equation
+  der(Ec) = P - G*(Ec/Cc - Em/Cm);
+  der(Em) = G*(Ec/Cc - Em/Cm);
+  T = 20 + Em/Cm;
+end Furnace;
+"""
+
+
+def places_of(flat):
+    return [[part.rpartition(":")[2] for part in s.name.split(", ")] for s in sites(flat) if ":" in s.name]
+
+
+def test_places_of_stored_heat_stay_beside_an_effect_whose_ports_are_absolute(tmp_path):
+    flat, radiation = compiled(tmp_path, FURNACE), find_effect("Thermal.RadiationLoss")
+    expected = [["Ec/Cc"], ["Em/Cm"], ["Ec/Cc", "Em/Cm"]]
+    assert places_of(flat) == expected
+    site = find_site(flat, "Ec/Cc", radiation)
+    assert places_of(attach(flat, radiation, site, values={"Gr": 0.3})) == expected
+    made = extend_model(tmp_path / "Furnace.mo", None, radiation, site, values={"Gr": 0.3})
+    assert places_of(made.flat) == expected
+    # A further effect finds its places by the names that they had before the first was written.
+    written = tmp_path / "again.mo"
+    written.write_text(made.text)
+    for name, place in (("WallCapacity", "0:Ec/Cc, 1:Em/Cm"), ("HeatLoss", "0:Ec/Cc")):
+        effect = find_effect(f"Thermal.{name}")
+        second = extend_model(written, made.class_name, effect, find_site(made.flat, place, effect), "second")
+        assert second.text.count("(T = Ec/Cc + 273.15)") == 1
+
+
+def test_exchange_with_what_the_model_no_longer_has_is_refused(tmp_path):
+    flat, wall = compiled(tmp_path, FURNACE), find_effect("Thermal.WallCapacity")
+    site = replace(find_site(flat, "Ec/Cc, Em/Cm", wall), name="0:Ec/Cc, 1:gone")
+    with pytest.raises(ModelError, match="no place of the model any more"):
+        attach(flat, wall, site)

@@ -146,7 +146,8 @@ def _proposed(flat: Model, text: bytes) -> tuple[str, ...]:
     """What to estimate where the model marks nothing: the parameters that it declares itself (no part of a
     component) and the fields of its records, or else those that its `text` gives to its components, with a
     unit and a value other than zero. What is zero is the place of something, and a number without a unit is a
-    ratio that somebody chose, unless no parameter has one; what stands in no equation is a start, say, and
+    ratio that somebody chose, unless no parameter has one, or all inputs and outputs are in "1": in per unit,
+    every quantity is. What stands in no equation is a start, say, and
     starts are free. Of those that the equations know only together, the first are proposed."""
     from daest.model.flat import FlatModel
     from daest.modelica.forms.modifications import declared_records, modified_names
@@ -159,6 +160,9 @@ def _proposed(flat: Model, text: bytes) -> tuple[str, ...]:
         used = set(used_parameters(flat))
     noises = {f"{noise.name.rpartition('.')[0]}.intensity" for noise in flat.noises}
     with_unit = {p.name for p in flat.parameters if p.unit not in ("", "1")}
+    units = {*(u.unit for u in flat.inputs), *(y.unit for y in flat.outputs)}
+    if units == {"1"}:
+        with_unit |= {p.name for p in flat.parameters if p.unit == "1"}
     told = with_unit or set(flat.parameter_names)
     may_be = [
         p.name

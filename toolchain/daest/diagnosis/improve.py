@@ -563,7 +563,10 @@ def _with_pair(task: _Task, path: _Path, diagnosis: Diagnosis) -> _Path | None:
         Step(last, last.told, diagnosis, "supported"),
     )
     task.progress(f"added {first.candidate.label} and {last.candidate.label}")
-    return _Path(accept(beside, last, task.options.jobs), (*path.steps, *steps))
+    grown = _Path(accept(beside, last, task.options.jobs), (*path.steps, *steps))
+    with suppress(OutOfTimeError), until(task.options.until):
+        grown = _without_superfluous(task, grown)
+    return grown
 
 
 def _value_says_as_much(stand: Stand, first: Proof, last: Proof) -> bool:

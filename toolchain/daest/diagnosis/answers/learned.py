@@ -34,6 +34,7 @@ from daest.model.holds import Hold
 from daest.model.parts import Parameter
 from daest.modelica.effects.attach import names_of
 from daest.modelica.flat.clock import clock_unit
+from daest.modelica.places.balances import slopes_near_start
 from daest.systems.reduction.reduce import reduce_index
 
 COMPONENT = "learned"
@@ -325,8 +326,9 @@ def load_sign(flat: FlatModel, row: int) -> float:
     """1 where a load subtracted in equation `row` flows into the components that meet there, -1 where its
     negative does."""
     flows = [i for i, v in enumerate(flat.unknowns) if v.is_flow]
-    slopes = ca.jacobian(flat.residual[row], flat.xi[flows])
-    present = [i for i in range(len(flows)) if slopes.sparsity().has_nz(0, i)]
+    # A factor may hold parameters, as that of what flows into `l*der(x) = ...` does.
+    slopes = slopes_near_start(flat)[row] if flows else np.zeros(0)
+    present = [i for i in flows if slopes[i]]
     # A connector of a composite component has its flow with the other sign in the sum inside of it.
-    inner = max(present, key=lambda i: flat.unknowns[flows[i]].name.count("."), default=None)
-    return -1.0 if inner is not None and float(ca.evalf(slopes[0, inner])) < 0.0 else 1.0
+    inner = max(present, key=lambda i: flat.unknowns[i].name.count("."), default=None)
+    return -1.0 if inner is not None and slopes[inner] < 0.0 else 1.0

@@ -40,13 +40,14 @@ def without_imitations(proofs: Sequence[Proof]) -> list[Proof]:
         simpler = [p for p in imitated if is_simpler(p.candidate, proof.candidate)]
         more = GATES.same_bic if proof.candidate.effect.n_states else -GATES.same_bic
         same = next(
-            (p for p in simpler if proof.delta_bic <= p.delta_bic + more or _comes_as_near(p, proof)), None
+            (p for p in simpler if _bic_as_of(p, proof) <= p.delta_bic + more or _comes_as_near(p, proof)),
+            None,
         )
         if proof.verdict != "rejected" and same is not None:
             fewer = len(same.candidate.estimated) < len(proof.candidate.estimated)
             how = " with fewer parameters" if fewer else ""
             much = "as much" if more > 0.0 else "more"
-            much = much if proof.delta_bic <= same.delta_bic + more else "nearly as much"
+            much = much if _bic_as_of(same, proof) <= same.delta_bic + more else "nearly as much"
             reason = f"{same.candidate.label} says {much}{how}, but {same.reason}"
             is_such = same.is_any_dynamics and not fewer and abs(proof.delta_bic - same.delta_bic) <= more
             proof = replace(proof, verdict="rejected", reason=reason, is_any_dynamics=is_such)
@@ -64,10 +65,33 @@ def _comes_as_near(lag: Proof, law: Proof) -> bool:
     part that swings takes a little of what the lag leaves, too."""
     if law.candidate.is_of_signal or not law.candidate.effect.n_states or not lag.is_any_dynamics:
         return False
-    is_near = lag.delta_log_likelihood >= GATES.min_imitated_gain * law.delta_log_likelihood
-    ratios = error_ratios(lag.told.simulated, law.told.simulated)
-    is_alike = bool(ratios) and min(ratios) >= GATES.max_rival_error
+    is_near = lag.delta_log_likelihood >= GATES.min_imitated_gain * _gain_as_of(lag, law)
+    is_alike = _simulates_no_better(law, lag)
     return is_near and is_alike and len(lag.candidate.estimated) < len(law.candidate.estimated)
+
+
+def _simulates_no_better(law: Proof, lag: Proof) -> bool:
+    """Whether a law simulates no output of unseen data clearly better than a lag."""
+    ratios = error_ratios(lag.told.simulated, law.told.simulated)
+    return bool(ratios) and min(ratios) >= GATES.max_rival_error
+
+
+def _gain_as_of(lag: Proof, law: Proof) -> float:
+    """What a law gains in log-likelihood, by the evidence that the gain of a lag is of: of a law that its
+    simulation shows, and a lag that was not accepted by that and simulates as well, what each gains beside
+    loads."""
+    if not law.is_by_use or lag.is_by_use or not _simulates_no_better(law, lag):
+        return law.delta_log_likelihood
+    return lag.delta_log_likelihood + law.fit.log_likelihood - lag.fit.log_likelihood
+
+
+def _bic_as_of(lag: Proof, law: Proof) -> float:
+    """The BIC gain of a law by the evidence that the gain of a lag is of (`_gain_as_of`)."""
+    more = _gain_as_of(lag, law) - law.delta_log_likelihood
+    if not more:
+        return law.delta_bic
+    per_unknown = (2.0 * lag.delta_log_likelihood - lag.delta_bic) / lag.candidate.n_unknowns
+    return 2.0 * _gain_as_of(lag, law) - law.candidate.n_unknowns * per_unknown
 
 
 def without_outrun(proofs: Sequence[Proof]) -> list[Proof]:

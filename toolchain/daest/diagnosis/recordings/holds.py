@@ -61,7 +61,9 @@ class Holds:
 
 def better_hold(stand: Stand, proofs: Sequence[Proof]) -> Hold | None:
     """The other hold, where one of the candidates that are asked fits better with it."""
-    return next((hold for p in _asked(proofs) if (hold := _better_hold_of(stand.null, p)) is not None), None)
+    asked = [(p, p.fit.log_likelihood) for p in _asked(proofs)]
+    asked += [(p, max(asked[0][1], p.fit.log_likelihood)) for p in _runner_up(proofs)]
+    return next((hold for p, ll in asked if (hold := _better_hold_of(stand.null, p, ll)) is not None), None)
 
 
 def _asked(proofs: Sequence[Proof]) -> list[Proof]:
@@ -75,12 +77,24 @@ def _asked(proofs: Sequence[Proof]) -> list[Proof]:
     return [best, *sorted(likelier, key=lambda p: -p.fit.log_likelihood)[:1]]
 
 
-def _better_hold_of(null: Null, asked: Proof) -> Hold | None:
-    """Another hold, where the recordings are likelier with it beside the law of a proof."""
+def _runner_up(proofs: Sequence[Proof]) -> list[Proof]:
+    """The most likely candidate after the best, if that is accepted by its simulation alone, whose evidence
+    is that of few samples: of laws that are much alike it prefers the one that bends to the hold as it is, as
+    a share of an input in an output does."""
+    best = best_accepted(proofs)
+    if best is None or not best.is_by_use:
+        return []
+    others = [p for p in proofs if p is not best and not p.comes_near]
+    return sorted(others, key=lambda p: -p.fit.log_likelihood)[:1]
+
+
+def _better_hold_of(null: Null, asked: Proof, before: float) -> Hold | None:
+    """Another hold, where the recordings are likelier with it beside the law of a proof than the
+    log-likelihood `before`."""
     names = tuple(p.name for p in asked.fit.parameters)
     flat = with_equations(asked.flat, "a refit")
     explicit = reduce_index(flat)
-    least = asked.fit.log_likelihood + GATES.min_hold_gain
+    least = before + GATES.min_hold_gain
     found: dict[Hold, float] = {}
     for other in _otherwise(null, asked):
         other = replace(other, experiments=fed(other.experiments, asked.candidate))

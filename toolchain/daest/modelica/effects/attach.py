@@ -442,22 +442,29 @@ class _Assembly:
         self._rename(row, connector, member, first)
         for at in self._rows_of_potential(connector, row):
             self._rename(at, connector, member, first)
-        full, flow = self._connectors[connector].variables(self.unknowns)
+        one = self._connectors[connector]
+        _, flow = one.variables(self.unknowns)
         end, end_symbol = member.local(second, 0)
-        self._connect(end, end_symbol, full, self._symbol[full])
+        inner = _potential_of(self.unknowns[one.potential], self.xi[one.potential])
+        self._connect(end, end_symbol, *inner)
         end_flow, end_flow_symbol = member.local(second, 1)
         origin = f"{member.name}.{second}, {connector}"
-        self.equations.append(Equation(f"{end_flow} + {flow} = 0", "flow", origin))
-        self.residual.append(end_flow_symbol + self._symbol[flow])
+        scale = flow_scale(self.unknowns[one.flow].unit, one.domain)
+        entering = times_text(scale, flow)
+        self.equations.append(Equation(f"{end_flow} + {entering} = 0", "flow", origin))
+        self.residual.append(end_flow_symbol + scale * self._symbol[flow])
         self._flow_rows[connector] = len(self.equations) - 1
         self._potentials()[connector] = [len(self.equations) - 2]
 
     def _rename(self, row: int, connector: str, member: _Member, own: str) -> None:
-        """The row with the variables of `connector` replaced by those of the effect's connector `own`."""
-        old = self.equations[row]
+        """The row with the variables of `connector` replaced by those of the effect's connector `own`, in the
+        units of `connector`."""
+        old, one = self.equations[row], self._connectors[connector]
         replaced, text = self.residual[row], old.text
-        for kind, former in enumerate(self._connectors[connector].variables(self.unknowns)):
-            name, symbol = member.local(own, kind)
+        scale = flow_scale(self.unknowns[one.flow].unit, one.domain)
+        changes = in_connectors(self.unknowns[one.potential].unit), Conversion(scale=scale)
+        for kind, former in enumerate(one.variables(self.unknowns)):
+            name, symbol = _converted(*member.local(own, kind), _inverse(changes[kind]))
             replaced = ca.substitute(replaced, self._symbol[former], symbol)
             text = _renamed(text, former, name)
         origin = ", ".join(
@@ -501,7 +508,7 @@ class _Assembly:
 
     def _at_input(self, member: _Member, own: str, name: str) -> None:
         """The potential of the effect's connector `own` follows the temperature that is the input `name`."""
-        at = next(i for i, one in enumerate(self.flat.inputs) if one.name == name)
+        at = self._found({one.name: i for i, one in enumerate(self.flat.inputs)}, name)
         self._tie(*member.local(own, 0), *_potential_of(self.flat.inputs[at], self.u[at]))
 
     def _beside_force(self, member: _Member, name: str) -> None:
@@ -801,6 +808,13 @@ def _is_tied(equation: Equation, current: str) -> bool:
 
 def _reads(equation: Equation, name: str) -> bool:
     return equation.kind == "connection" and equation.text.partition(" = ")[0] == name
+
+
+def _inverse(change: Conversion) -> Conversion:
+    """From the unit of a connector of the library back to that of a variable."""
+    if change == Conversion():
+        return change
+    return Conversion(scale=1.0 / change.scale, offset=-change.offset / change.scale)
 
 
 def _renamed(text: str, old: str, new: str) -> str:

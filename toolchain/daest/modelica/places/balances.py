@@ -15,7 +15,7 @@ from daest.model.effects import Domain
 from daest.model.flat import FlatModel
 from daest.model.parts import Variable
 from daest.modelica.flat.connectors import FLOWS, LEVEL, connectors_of, outside_of_term
-from daest.modelica.places.written_out import FLUX, potential, potential_symbol, written_out
+from daest.modelica.places.written_out import FLUX, effects_in, potential, potential_symbol, written_out
 from daest.numerics.matching import maximum_matching
 from daest.quantities import Conversion, conversion, converts, dimensions, is_of, parse_unit
 
@@ -315,9 +315,11 @@ def _is_within(flat: FlatModel, balance: Balance, joined: Mapping[str, set[Domai
 
 def _stores(flat: FlatModel, slopes: np.ndarray, rows: Sequence[int]) -> dict[int, tuple[int, int]]:
     """Unknown that is stored, as charge, momentum, volume or heat are -> the row of the law that holds it and
-    its potential alone, as `Q = C*v` does, and that potential, whose own rate stands in no row. `slopes`
-    (n, 2n) are of all equations, `rows` those that have no input."""
-    n = slopes.shape[1] // 2
+    its potential alone, as `Q = C*v` does, and that potential, whose own rate stands in no row: one of the
+    model's own, none of a term that was opened for an effect. `slopes` (n, 2n) are of all equations, `rows`
+    those that have no input."""
+    n, effects = slopes.shape[1] // 2, effects_in(flat)
+    rows = [row for row in rows if flat.equations[row].origin.partition(".")[0] not in effects]
     found: dict[int, tuple[int, int]] = {}
     moving = np.flatnonzero(np.any(slopes[:, n:], axis=0)).tolist()
     for stored in moving:

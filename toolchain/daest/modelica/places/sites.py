@@ -17,7 +17,7 @@ from daest.lists import first_few
 from daest.model.effects import Domain, Effect, Site
 from daest.model.flat import FlatModel, Model
 from daest.model.parts import Parameter
-from daest.modelica.flat.connectors import Connector, connectors_of, flow_scale
+from daest.modelica.flat.connectors import FLOWS, Connector, connectors_of, flow_scale
 from daest.modelica.places.balances import Balance, balances, domain_of, in_connectors, slopes_near_start
 from daest.modelica.places.equal_places import equal_places
 from daest.modelica.places.inner_signals import inner_signals, is_lag
@@ -26,7 +26,7 @@ from daest.modelica.places.meshes import meshes
 from daest.modelica.places.place_units import balances_flows, carries_gas
 from daest.modelica.places.terminals import terminals
 from daest.near import did_you_mean
-from daest.quantities import in_base_units, is_of
+from daest.quantities import converts, in_base_units, is_of
 
 # Rows of a component are linearised at a random point; a combination of rows is found with this relative
 # residual.
@@ -311,7 +311,7 @@ def find_site(flat: Model, name: str, effect: Effect | None = None, number: int 
         bodies = ", ".join(part.rpartition(":")[2] for part in wanted.split(", "))
         between = [s for s in known if s.kind in ("exchange", "force", "mesh") and s not in found]
         found += [s for s in between if bodies == s.aliases[-1]]
-        alike = [s for s in own if variable == s.aliases[1] and fits(effect, s)]
+        alike = [s for s in own if variable in s.aliases[1:] and fits(effect, s)]
         found += [s for s in own if wanted == s.name] or alike[number : number + 1] or alike
     if effect is not None and effect.attach == "series":
         found += _first_connector(found, known)
@@ -495,8 +495,8 @@ class Network:
         return tuple((n.rpartition(".")[2], n) for n in names if n.rpartition(".")[0] == component)
 
     def cuts(self) -> list[Site]:
-        """Connectors that carry a flow; the only two of a connection set are one place. None in units of
-        another scale than the library's, where the law would be in series with what it does not match."""
+        """Connectors that carry a flow; the only two of a connection set are one place. None whose units do
+        not convert to the library's, such as mass flows in g/s."""
         found: list[Site] = []
         for one in self.sets:
             if not all(self._is_to_scale(m) for m in one.members):
@@ -512,7 +512,8 @@ class Network:
     def _is_to_scale(self, name: str) -> bool:
         one = self.connectors[name]
         potential, flow = (self.flat.unknowns[i].unit for i in (one.potential, one.flow))
-        return in_connectors(potential).scale == 1.0 and flow_scale(flow, one.domain) == 1.0
+        is_flow = is_of(flow, FLOWS[one.domain]) and converts(flow, FLOWS[one.domain])
+        return is_flow or (in_connectors(potential).scale == 1.0 and flow_scale(flow, one.domain) == 1.0)
 
     def _cut(self, name: str, aliases: tuple[str, ...]) -> Site:
         return Site(name, "connector", self.connectors[name].domain, (name,), aliases)

@@ -3,6 +3,7 @@ potential, as `der(p) = F - d*p/m` has none for the speed p/m."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -13,6 +14,7 @@ import numpy as np
 from daest.model.flat import FlatModel
 from daest.model.parts import Variable
 from daest.modelica.flat.connectors import FLOWS, LEVEL
+from daest.modelica.language.library import bundled_root
 from daest.quantities import converts, dimensions, in_base_units, is_of
 
 FLUX = "Wb"
@@ -94,10 +96,23 @@ def potential_unit(flat: FlatModel, stored: int, parameter: int) -> str:
 
 def _temperature(flat: FlatModel) -> str:
     """The unit of all temperatures of the model, from whose zero heat over a capacity counts, too; empty
-    where they have several."""
-    units = {x.unit for part in (flat.unknowns, flat.inputs, flat.outputs) for x in part}
+    where they have several. Those of effects in the model, which are absolute, tell nothing of its own."""
+    effects = effects_in(flat)
+    own = [x for x in flat.unknowns if x.name.partition(".")[0] not in effects]
+    units = {x.unit for part in (own, flat.inputs, flat.outputs) for x in part}
     known = {unit for unit in units if is_of(unit, "K") and converts(unit, "K")}
     return known.pop() if len(known) == 1 and known <= {*_TEMPERATURES} else ""
+
+
+def effects_in(flat: FlatModel) -> frozenset[str]:
+    """The components of the model that are effects, or terms for them: those that were attached, and those
+    that its text holds, as some of their variables are declared in these parts of the library."""
+    root = bundled_root()
+    if root is None:
+        return flat.attached
+    parts = tuple(str(root / "Daest" / name) + os.sep for name in ("Effects", "Terms"))
+    declared = [x for x in flat.unknowns if x.place and str(x.place.file).startswith(parts)]
+    return flat.attached.union(x.name.partition(".")[0] for x in declared)
 
 
 def _are_ratios(flat: FlatModel, pairs: Sequence[tuple[int, int]]) -> list[bool]:
