@@ -20,7 +20,7 @@ import numpy as np
 
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.evidence.proof import bic_gain
-from daest.diagnosis.evidence.reasons import is_significant, told_values
+from daest.diagnosis.evidence.reasons import crossed, is_significant, told_values
 from daest.diagnosis.evidence.stand import Stand
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions
@@ -225,10 +225,13 @@ def told_beside(first: Proof, stand: Stand, beside: Stand) -> Proof:
 
 def with_both(second: Diagnosis, first: Proof, stand: Stand, alone: Diagnosis) -> Diagnosis | None:
     """The `second` diagnosis, beside a lag or another law that was put in the `first`, with this told; None
-    where it accepts nothing, nothing beside which that is still there, or nothing with which unseen data are
-    simulated any better than by the model of `stand`, or far better than by what is accepted `alone`."""
+    where it accepts nothing, nothing beside which that is still there and what it is called, or nothing with
+    which unseen data are simulated any better than by the model of `stand`, or far better than by what is
+    accepted `alone`."""
     accepted = [proof for proof in second.proofs if proof.verdict != "rejected"]
     if not accepted or _is_gone(first, accepted[0]) or _simulates_worse(accepted[0], stand):
+        return None
+    if crossed(first.candidate, accepted[0].told):
         return None
     if foresees_no_better(accepted[0], alone):
         return None
