@@ -79,6 +79,33 @@ def test_another_unit_is_told_by_the_model(folder, daest, factor, told):
     assert (code == 1 and "check-scale" in out and told in out) if told else code == 0
 
 
+TURNING = """model Turning
+  input Real u(unit = "V");
+  output Real n(unit = "1");
+  parameter Real k(unit = "1/(V.s)") = 100 annotation(__Daest(estimate = true));
+equation
+  der(n) = k*u;
+end Turning;
+"""
+
+
+@pytest.mark.parametrize(
+    ("header", "told"), [("Timestamp", "check-time-unit"), ("Timestamp [s]", "check-scale")]
+)
+def test_in_a_doubtful_unit_of_time_no_scale_is_told(folder, daest, header, told):
+    """The pulses of an encoder, with the milliseconds of an Arduino: read as seconds they seem few."""
+    (folder / "Turning.mo").write_text(TURNING)
+    time = np.arange(300) * 20
+    u = np.where(time // 500 % 2, -1.0, 1.0)
+    n = 100.0 * np.concatenate([[0.0], np.cumsum(u[:-1])]) * 0.02
+    write_csv(folder / "turning.csv", time, u, n)
+    text = (folder / "turning.csv").read_text().partition("\n")[2]
+    (folder / "turning.csv").write_text(f"{header},u,n\n{text}")
+    daest("init", "Turning.mo", "turning.csv")
+    _, out, _ = daest("check")
+    assert {code for code in ("check-time-unit", "check-scale") if code in out} == {told}
+
+
 def test_what_identify_would_refuse_is_a_finding(folder, daest):
     text = (folder / "run1.csv").read_text()
     (folder / "bad.csv").write_text(text.replace("time,u,y", "time,u [A],y").replace("\n0.15,", "\n0.1,", 1))
