@@ -106,6 +106,26 @@ def test_in_a_doubtful_unit_of_time_no_scale_is_told(folder, daest, header, told
     assert {code for code in ("check-time-unit", "check-scale") if code in out} == {told}
 
 
+@pytest.mark.parametrize(
+    ("decay", "duty", "told"),
+    [
+        (0.0, np.abs, True),
+        (0.0, lambda u: -np.abs(u), True),
+        (0.0, np.positive, False),
+        (1.0, np.abs, False),  # what drains comes back by itself
+    ],
+)
+def test_a_duty_that_was_recorded_without_its_sign_is_told_by_the_model(folder, daest, decay, duty, told):
+    (folder / "Turning.mo").write_text(TURNING.replace("k*u", f"k*u - {decay}*n"))
+    time = np.arange(300) * 0.02
+    u = np.where(np.arange(300) // 50 % 2, -1.0, 1.0) * (np.arange(300) % 50 > 10)
+    n = np.concatenate([[0.0], np.cumsum(u[:-1])]) * 2.0
+    write_csv(folder / "turning.csv", time, duty(u), n, "time,u,n")
+    _, out, _ = daest("check", "turning.csv", "--model", "Turning.mo")
+    assert ("check-sign-lost" in out) is told, out
+    assert not told or "without its sign" in " ".join(out.split())
+
+
 def test_what_identify_would_refuse_is_a_finding(folder, daest):
     text = (folder / "run1.csv").read_text()
     (folder / "bad.csv").write_text(text.replace("time,u,y", "time,u [A],y").replace("\n0.15,", "\n0.1,", 1))

@@ -196,7 +196,9 @@ def test_a_recording_without_time_leaves_a_file_that_asks_for_it_and_is_told_of(
     lines = [f"{row.rpartition(',')[0].partition(',')[2]},{k % 7}" for k, row in enumerate(rows)]
     (folder / "bare.csv").write_text("\n".join(["u,y", *lines]))
     code, _, err = daest("init", "Lag.mo", "bare.csv")
-    assert code == 2 and "data-no-time" in err and "daest.toml is written: complete it" in " ".join(err.split())
+    assert (
+        code == 2 and "data-no-time" in err and "daest.toml is written: complete it" in " ".join(err.split())
+    )
     assert '# time = "?"' in (folder / "daest.toml").read_text() and load_project().time is None
 
 

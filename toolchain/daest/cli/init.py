@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from daest.data.match import Match
     from daest.data.table import Table
-    from daest.model.experiment import DataCheck
     from daest.errors import DataError
+    from daest.model.experiment import DataCheck
     from daest.model.flat import Model
     from daest.report.documents.project import InitDocument
 

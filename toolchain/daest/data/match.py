@@ -71,7 +71,7 @@ def propose_time(table: Table) -> str | None:
 
 def counts_time(column: Column) -> bool:
     """Whether the header of a column has a unit of time, as `Tiempo (s)`, and its values never fall. They may
-    stand still: a logger that stalls writes rows of one time, which is said of a clock and of nothing else."""
+    stand still: a logger that stalls writes rows of one time, of which the check of clocks tells."""
     if not column.unit or not _same_kind(column.unit, "s") or column.values.size < 2:
         return False
     return bool(np.all(np.diff(column.values) >= 0) and column.values[-1] > column.values[0])
