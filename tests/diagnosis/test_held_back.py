@@ -427,3 +427,46 @@ def test_law_is_looked_beside_where_it_is_far_likelier_than_what_is_accepted(cha
     )
     found = SimpleNamespace(proofs=(accepted, law))
     assert laws_in_the_way(found) == ([law] if is_looked_beside else [])
+
+
+@pytest.mark.parametrize(
+    ("alone", "verdict", "is_needed"),
+    [
+        (0.5, "supported", True),
+        (0.6, "rejected", True),  # unseen data are simulated worse without the lag
+        (0.5, "rejected", False),  # of a pendulum above magnets that swings out
+    ],
+)
+def test_a_lag_beside_which_a_law_was_found_is_asked_for_beside_that(monkeypatch, alone, verdict, is_needed):
+    def fit(error):
+        return SimpleNamespace(simulated={"validation": Agreement({"y": None}, {"y": error})}, theta={})
+
+    names = {"lag": SimpleNamespace(label="Lag at y"), "law": SimpleNamespace(label="Torque at w")}
+    lag, law = (Told(names[name], fit(0.5), fit(0.5), "rejected") for name in ("lag", "law"))
+    proved = {"Lag at y": replace(lag, verdict=verdict), "Torque at w": replace(law, told=fit(alone))}
+    monkeypatch.setattr(holding_back, "proved_again", lambda _, proof, __: proved[proof.candidate.label])
+    monkeypatch.setattr(holding_back, "accept", lambda *_: None)
+    assert holding_back.is_needed_beside(None, lag, law, DiagnoseOptions()) is is_needed
+
+
+def test_what_is_said_of_a_lag_that_nothing_proves():
+    law, lag, other = (
+        Told(SimpleNamespace(label=label), None, None) for label in ("Torque", "Lag at y", "Play")
+    )
+    lag, other = (replace(one, verdict="rejected") for one in (lag, other))
+    both = (law, replace(lag, verdict="supported"), other)
+    said = "Torque; supported. Lag at y (T = 1 s) is missing besides: each shows only beside the other."
+    found = holding_back.without(Second(both, said), Refused(**vars(lag)))
+    assert [(p.candidate.label, p.verdict) for p in found.proofs] == [
+        ("Torque", "supported"),
+        ("Lag at y", "rejected"),
+        ("Play", "rejected"),
+    ]
+    assert found.message.startswith("Torque; supported. With Lag at y in the model besides")
+
+
+@dataclass(frozen=True)
+class Refused(Told):
+    """A proof that tells why it was refused."""
+
+    reason: str = ""

@@ -107,6 +107,34 @@ def is_seen_beside(stand: Stand, first: Proof, last: Proof, options: DiagnoseOpt
     return False
 
 
+def is_needed_beside(stand: Stand, lag: Proof, law: Proof, options: DiagnoseOptions) -> bool:
+    """Whether a refused `lag` is a part of what is missing beside the `law` that was accepted beside it: it
+    is accepted in the model with that law, or unseen data are simulated worse without it. Another one rounds
+    the form of a law that is not quite right. It is, too, where the time is up before that is known."""
+    with suppress(OutOfTimeError, *FAILURES), until(options.until):
+        alone = proved_again(stand, law, law.fit.theta)
+        ratios = error_ratios(alone.told.simulated, law.told.simulated)
+        if not ratios or min(ratios) < 1.0:
+            return True
+        return proved_again(accept(stand, alone, options.jobs), lag, law.fit.theta).verdict != "rejected"
+    return True
+
+
+def without(second: Diagnosis, lag: Proof) -> Diagnosis:
+    """The diagnosis beside a `lag` that nothing proves: with the law that was accepted there, and what is
+    said of the lag."""
+    label = lag.candidate.label
+    kept = [p for p in second.proofs if p.verdict != "rejected" and p.candidate.label != label]
+    refused = replace(lag, reason="unseen data are simulated as well without it, beside the law")
+    others = [p for p in second.proofs if p.verdict == "rejected"]
+    message = second.message.partition(f" {label} (")[0]
+    message += (
+        f" With {label} in the model besides the recordings are likelier, and unseen data are simulated no "
+        "better: nothing proves it, and what is fast there may be the form of the law."
+    )
+    return replace(second, message=message, proofs=(*kept, refused, *others))
+
+
 def _is_certain_beside_loads(proof: Proof) -> bool:
     return any(_is_known(p) for p in _sizes_in(proof.fit, proof))
 
