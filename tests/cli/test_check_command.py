@@ -113,6 +113,7 @@ def test_in_a_doubtful_unit_of_time_no_scale_is_told(folder, daest, header, told
         (0.0, lambda u: -np.abs(u), True),
         (0.0, np.positive, False),
         (1.0, np.abs, False),  # what drains comes back by itself
+        (0.0, lambda u: np.maximum(u, 0.0), False),  # and so does what drains in the machine alone
     ],
 )
 def test_a_duty_that_was_recorded_without_its_sign_is_told_by_the_model(folder, daest, decay, duty, told):

@@ -143,11 +143,11 @@ def inputs_without_sign(flat: Model, experiment: Experiment) -> dict[str, str]:
     recording of that goes there and back: a controller writes its duty beside a pin for the direction."""
     part = experiment.first(LONGEST)
     moving = np.flatnonzero(np.ptp(part.inputs, axis=0))
-    comes_back = np.array([_least_way(values) >= DATA.come_back for values in part.outputs.T], dtype=bool)
-    if moving.size != 1 or not np.any(comes_back):
+    if moving.size != 1:
         return {}
     driving = part.inputs[:, moving[0]]
-    if driving.min() < 0.0 < driving.max():
+    comes_back = np.array([_is_driven_back(values, driving) for values in part.outputs.T], dtype=bool)
+    if driving.min() < 0.0 < driving.max() or not np.any(comes_back):
         return {}
     from daest.systems.simulation.simulate import simulate
 
@@ -160,6 +160,16 @@ def inputs_without_sign(flat: Model, experiment: Experiment) -> dict[str, str]:
     side = "below" if driving.min() >= 0.0 else "above"
     name = part.input_names[moving[0]]
     return {name: INPUT_SIGN_LOST.format(side=side, outputs=outputs)} if outputs else {}
+
+
+def _is_driven_back(values: np.ndarray, driving: np.ndarray) -> bool:
+    """Whether an output goes there and back, and hardly moves where the input rests at zero: a spring or a
+    leak that the model lacks brings it back there, too."""
+    rests = np.abs(driving) <= DATA.near_zero * np.max(np.abs(driving))
+    rests = rests[:-1] & rests[1:]
+    steps = np.nan_to_num(np.abs(np.diff(values)))
+    is_still = np.sum(steps[rests]) <= DATA.moves_at_rest * np.sum(steps)
+    return bool(is_still and np.mean(rests) >= DATA.least_rest and _least_way(values) >= DATA.come_back)
 
 
 def _least_way(values: np.ndarray) -> float:
