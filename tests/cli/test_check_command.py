@@ -79,6 +79,54 @@ def test_another_unit_is_told_by_the_model(folder, daest, factor, told):
     assert (code == 1 and "check-scale" in out and told in out) if told else code == 0
 
 
+TURNING = """model Turning
+  input Real u(unit = "V");
+  output Real n(unit = "1");
+  parameter Real k(unit = "1/(V.s)") = 100 annotation(__Daest(estimate = true));
+equation
+  der(n) = k*u;
+end Turning;
+"""
+
+
+@pytest.mark.parametrize(
+    ("header", "told"), [("Timestamp", "check-time-unit"), ("Timestamp [s]", "check-scale")]
+)
+def test_in_a_doubtful_unit_of_time_no_scale_is_told(folder, daest, header, told):
+    """The pulses of an encoder, with the milliseconds of an Arduino: read as seconds they seem few."""
+    (folder / "Turning.mo").write_text(TURNING)
+    time = np.arange(300) * 20
+    u = np.where(time // 500 % 2, -1.0, 1.0)
+    n = 100.0 * np.concatenate([[0.0], np.cumsum(u[:-1])]) * 0.02
+    write_csv(folder / "turning.csv", time, u, n)
+    text = (folder / "turning.csv").read_text().partition("\n")[2]
+    (folder / "turning.csv").write_text(f"{header},u,n\n{text}")
+    daest("init", "Turning.mo", "turning.csv")
+    _, out, _ = daest("check")
+    assert {code for code in ("check-time-unit", "check-scale") if code in out} == {told}
+
+
+@pytest.mark.parametrize(
+    ("decay", "duty", "told"),
+    [
+        (0.0, np.abs, True),
+        (0.0, lambda u: -np.abs(u), True),
+        (0.0, np.positive, False),
+        (1.0, np.abs, False),  # what drains comes back by itself
+        (0.0, lambda u: np.maximum(u, 0.0), False),  # and so does what drains in the machine alone
+    ],
+)
+def test_a_duty_that_was_recorded_without_its_sign_is_told_by_the_model(folder, daest, decay, duty, told):
+    (folder / "Turning.mo").write_text(TURNING.replace("k*u", f"k*u - {decay}*n"))
+    time = np.arange(300) * 0.02
+    u = np.where(np.arange(300) // 50 % 2, -1.0, 1.0) * (np.arange(300) % 50 > 10)
+    n = np.concatenate([[0.0], np.cumsum(u[:-1])]) * 2.0
+    write_csv(folder / "turning.csv", time, duty(u), n, "time,u,n")
+    _, out, _ = daest("check", "turning.csv", "--model", "Turning.mo")
+    assert ("check-sign-lost" in out) is told, out
+    assert not told or "without its sign" in " ".join(out.split())
+
+
 def test_what_identify_would_refuse_is_a_finding(folder, daest):
     text = (folder / "run1.csv").read_text()
     (folder / "bad.csv").write_text(text.replace("time,u,y", "time,u [A],y").replace("\n0.15,", "\n0.1,", 1))

@@ -191,6 +191,17 @@ def test_faults_of_the_recording_are_told_at_once(folder, daest):
     assert code == 0 and "warning[check-clock-duplicate]: bad: the clock" in out
 
 
+def test_a_recording_without_time_leaves_a_file_that_asks_for_it_and_is_told_of(folder, daest):
+    rows = (folder / "run1.csv").read_text().splitlines()[1:]
+    lines = [f"{row.rpartition(',')[0].partition(',')[2]},{k % 7}" for k, row in enumerate(rows)]
+    (folder / "bare.csv").write_text("\n".join(["u,y", *lines]))
+    code, _, err = daest("init", "Lag.mo", "bare.csv")
+    assert (
+        code == 2 and "data-no-time" in err and "daest.toml is written: complete it" in " ".join(err.split())
+    )
+    assert '# time = "?"' in (folder / "daest.toml").read_text() and load_project().time is None
+
+
 def test_what_is_to_be_checked_or_completed_is_told(folder, daest):
     (folder / "odd.csv").write_text((folder / "run1.csv").read_text().replace("time,u,y", "time,u_drive,y"))
     model = (folder / "Lag.mo").read_text().replace("estimate = true", "estimate = false")

@@ -267,3 +267,19 @@ def test_most_words_of_a_description_decide_and_words_of_a_name_count():
         ("heater_kW", "description"),
         ("jets_kW", "description"),
     ]
+
+
+@pytest.mark.parametrize(
+    ("columns", "expected"),
+    [
+        ({"Tiempo": ("s", [0, 1.7, 1.7, 3.4]), "energy": ("J", [0, 1, 2, 3])}, "Tiempo"),  # it stalls once
+        ({"Tiempo": ("min", [0, 1, 2, 3]), "energy": ("J", [0, 1, 2, 3])}, "Tiempo"),
+        ({"Tiempo": ("s", [0, 1, 2, 3]), "heated": ("s", [0, 0, 1, 1])}, "Tiempo"),
+        ({"pulse": ("ms", [1, 1, 2, 2]), "pause": ("ms", [0, 3, 3, 4])}, None),  # two that may be it
+        ({"pulse": ("ms", [5, 5, 5, 5]), "gap": ("s", [1, 0, 2, 3])}, None),
+        ({"v": ("m/s", [0, 1, 1, 2]), "u": ("V", [0, 1, 1, 2])}, None),
+    ],
+)
+def test_a_column_in_a_unit_of_time_that_never_falls_is_the_time(columns, expected):
+    found = tuple(Column(name, unit, np.array(values, float)) for name, (unit, values) in columns.items())
+    assert propose_time(Table("run.csv", found, None)) == expected

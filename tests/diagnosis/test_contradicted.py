@@ -370,3 +370,30 @@ def test_a_model_that_counts_time_in_hours_without_telling_it_is_told(seconds, u
     assert (found is not None) == bool(unit)
     if found is not None:
         assert f"the model counts time in {unit}, and the recording was read in s" in found.message
+
+
+TURNING = b"""model Turning
+  input Real u(unit = "1");
+  output Real n(unit = "rad") = phi;
+  parameter Real k(unit = "N.m") = 1 annotation(__Daest(estimate = true));
+  parameter Real J(unit = "kg.m2") = 0.01;
+  parameter Real d(unit = "N.m.s/rad") = 0.2 annotation(__Daest(estimate = true));
+  Real phi(unit = "rad", start = 0);
+  Real w(unit = "rad/s", start = 0);
+equation
+  der(phi) = w;
+  J*der(w) = k*u - d*w;
+end Turning;
+"""
+
+
+@pytest.mark.parametrize(("duty", "is_told"), [(np.abs, True), (np.positive, False)])
+def test_of_a_duty_without_its_sign_nothing_is_claimed(duty, is_told):
+    """A winch whose controller writes the size of its duty, and the direction to a pin of its own."""
+    flat = compile_text(TURNING, Path("Turning.mo"))
+    time, way = 0.02 * np.arange(400), np.where(np.arange(400) // 100 % 2, -1.0, 1.0)
+    u = (way * (np.arange(400) % 100 < 60))[:, None]
+    n = simulate(flat, (time, u), hold="zoh").outputs + 1e-3 * np.random.default_rng(1).normal(size=(400, 1))
+    found = contradicted(flat, [Experiment("run", time, duty(u), n, ("u",), ("n",))], [], None)
+    assert (found is not None) == is_told
+    assert found is None or (found.verdict == "cannot tell" and "without its sign" in found.message)

@@ -218,7 +218,7 @@ def test_lag_and_law_are_told_where_both_are_there_and_matter(time, std, error, 
         return SimpleNamespace(simulated={"validation": unseen}, parameters=parameters)
 
     size = FittedParameter("lag_1.T", time, std, time, "s", None, None, None)
-    effect = SimpleNamespace(sizes=[SimpleNamespace(name="T")])
+    effect = SimpleNamespace(sizes=[SimpleNamespace(name="T")], parameters=())
     alone, beside = simulated(1.0, size), simulated(error, size)
     lag = Told(SimpleNamespace(name="lag_1", effect=effect, label="Lag at y", estimated=()), alone, alone)
     law = Told(SimpleNamespace(name="law_1", label="Friction at y"), beside, beside)
@@ -238,6 +238,23 @@ def test_lag_and_law_are_told_where_both_are_there_and_matter(time, std, error, 
     assert found is None or [p.candidate.name for p in found.proofs] == ["law_1", "lag_1"]
     assert found is None or "each of both shows only beside the other" in found.message
     assert known is None or "it shows only beside the other" in known.message
+
+
+@pytest.mark.parametrize(("upper", "lower", "is_told"), [(0.3, -0.3, True), (-13.2, 12.7, False)])
+def test_stops_that_leave_no_room_beside_another_law_are_not_told(upper, lower, is_told):
+    size = FittedParameter("stop.c", 1.0, 0.01, 1.0, "N.m/rad", None, None, None)
+    theta = {"stop.phi_max": upper, "stop.phi_min": lower}
+    unseen = {"validation": Agreement({"y": None}, {"y": 0.5})}
+    both = SimpleNamespace(simulated=unseen, parameters=(size,), theta=theta)
+    stops = next(e for e in effect_library() if e.name == "EndStop")
+    stop = Told(SimpleNamespace(name="stop", effect=stops, label="EndStop at w", estimated=()), both, both)
+    law = Told(SimpleNamespace(name="law_1", label="Torque at w"), both, both)
+    before = SimpleNamespace(simulated={"validation": Agreement({"y": None}, {"y": 1.0})}, parameters=())
+    stand = SimpleNamespace(told=before, reference=SimpleNamespace(adds_up=False))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(holding_back, "told_values", lambda _: "c = 1 N.m/rad")
+        found = holding_back.with_both(Second((law,), ""), stop, stand, Second((), ""))
+    assert (found is not None) is is_told
 
 
 @pytest.mark.parametrize(
@@ -410,3 +427,46 @@ def test_law_is_looked_beside_where_it_is_far_likelier_than_what_is_accepted(cha
     )
     found = SimpleNamespace(proofs=(accepted, law))
     assert laws_in_the_way(found) == ([law] if is_looked_beside else [])
+
+
+@pytest.mark.parametrize(
+    ("alone", "verdict", "is_needed"),
+    [
+        (0.5, "supported", True),
+        (0.6, "rejected", True),  # unseen data are simulated worse without the lag
+        (0.5, "rejected", False),  # of a pendulum above magnets that swings out
+    ],
+)
+def test_a_lag_beside_which_a_law_was_found_is_asked_for_beside_that(monkeypatch, alone, verdict, is_needed):
+    def fit(error):
+        return SimpleNamespace(simulated={"validation": Agreement({"y": None}, {"y": error})}, theta={})
+
+    names = {"lag": SimpleNamespace(label="Lag at y"), "law": SimpleNamespace(label="Torque at w")}
+    lag, law = (Told(names[name], fit(0.5), fit(0.5), "rejected") for name in ("lag", "law"))
+    proved = {"Lag at y": replace(lag, verdict=verdict), "Torque at w": replace(law, told=fit(alone))}
+    monkeypatch.setattr(holding_back, "proved_again", lambda _, proof, __: proved[proof.candidate.label])
+    monkeypatch.setattr(holding_back, "accept", lambda *_: None)
+    assert holding_back.is_needed_beside(None, lag, law, DiagnoseOptions()) is is_needed
+
+
+def test_what_is_said_of_a_lag_that_nothing_proves():
+    law, lag, other = (
+        Told(SimpleNamespace(label=label), None, None) for label in ("Torque", "Lag at y", "Play")
+    )
+    lag, other = (replace(one, verdict="rejected") for one in (lag, other))
+    both = (law, replace(lag, verdict="supported"), other)
+    said = "Torque; supported. Lag at y (T = 1 s) is missing besides: each shows only beside the other."
+    found = holding_back.without(Second(both, said), Refused(**vars(lag)))
+    assert [(p.candidate.label, p.verdict) for p in found.proofs] == [
+        ("Torque", "supported"),
+        ("Lag at y", "rejected"),
+        ("Play", "rejected"),
+    ]
+    assert found.message.startswith("Torque; supported. With Lag at y in the model besides")
+
+
+@dataclass(frozen=True)
+class Refused(Told):
+    """A proof that tells why it was refused."""
+
+    reason: str = ""

@@ -1625,6 +1625,29 @@ def test_the_stop_that_is_never_reached_is_told_as_that():
     assert "phi_max = 0.22" in said and said.endswith("phi_min not reached")
 
 
+@pytest.mark.parametrize(
+    ("name", "places", "is_told"),
+    [
+        ("EndStop", {"phi_max": 0.22, "phi_min": -0.3}, True),
+        (
+            "EndStop",
+            {"phi_max": 0.5, "phi_min": 0.3},
+            True,
+        ),  # both on one side of where the angle counts from
+        ("EndStop", {"phi_max": 0.22, "phi_min": -4.4e8}, True),  # never reached
+        ("EndStop", {"phi_max": -13.2, "phi_min": 12.7}, False),  # of a motor behind its controller: a spring
+        ("OneSidedLimit", {"limit": -1.0}, True),
+    ],
+)
+def test_stops_without_room_between_them_are_none(name, places, is_told):
+    effect = next(e for e in library() if e.name == name)
+    law = SimpleNamespace(effect=effect, name="stop")
+    told = SimpleNamespace(theta={f"stop.{place}": value for place, value in places.items()})
+    said = reasons.crossed(law, told)
+    assert (said == "") is is_told, said
+    assert is_told or "phi_max (-13.2) lies below its phi_min (12.7)" in said
+
+
 def test_a_place_near_nothing_is_told_where_the_recordings_reach_far_beyond_it():
     _, proof = proved()
     size = next(p for p in proof.fit.parameters if p.name.startswith(proof.candidate.name))

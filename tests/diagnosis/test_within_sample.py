@@ -25,11 +25,11 @@ def told(k, rms):
     return SimpleNamespace(parameters=(size,), simulated={"validation": SimpleNamespace(rms={"w": rms})})
 
 
-def why(k, rms=1.0, name="Crosstalk"):
+def why(k, rms=1.0, name="Crosstalk", adds_up=False):
     effect = next(e for e in library() if e.class_name == f"Daest.Effects.Signals.{name}")
     site = next(s for s in sites(model("SpeedRotor")) if s.kind == "output")
     candidate = Candidate(effect, site, "effect_1", {}, {"z": "u"})
-    return acts_later(run(), candidate, told(k, rms), told(0.0, 1.0))
+    return acts_later(run(), candidate, told(k, rms), told(0.0, 1.0), adds_up=adds_up)
 
 
 def test_an_input_moves_an_output_within_a_sample_as_the_model_says():
@@ -43,4 +43,6 @@ def test_a_small_share_that_no_simulation_shows_is_how_late_the_input_acts():
     assert why(0.1 * most) == why(-0.9 * most) == "it does what u would do that acts a part of a sample later"
     assert why(1.1 * most) == "", "more than any part of a sample does"
     assert why(0.1 * most, rms=0.8) == "", "and so is what a simulation shows"
+    assert why(0.1 * most, rms=0.8, adds_up=True) != "", "but none whose errors add up: other values do that"
+    assert why(1.1 * most, rms=0.8, adds_up=True) == ""
     assert why(0.1 * most, name="Offset") == ""

@@ -260,7 +260,10 @@ EXPLANATIONS: dict[str, str] = {
     "check-sign-lost": (
         "An output is never below zero, and as large where the model has it negative as where it has it "
         "positive, at any likely value of the parameters: a pulse counter, or the current that a bridge "
-        "reports, tells a magnitude. Measure it in the model, too, as `y = abs(i)`, or record the sign."
+        "reports, tells a magnitude. Measure it in the model, too, as `y = abs(i)`, or record the sign. Or "
+        "the only input that moves stays on one side of zero, and the model moves an output one way alone "
+        "with it, while the recording comes back: the duty of a bridge that has a pin for the direction. "
+        "Record the input with its sign."
     ),
     "check-stuck": (
         "A signal stands still to the last digit although its noise shows elsewhere, or jumps when it goes "

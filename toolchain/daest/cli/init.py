@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from daest.data.match import Match
     from daest.data.table import Table
+    from daest.errors import DataError
     from daest.model.experiment import DataCheck
     from daest.model.flat import Model
     from daest.report.documents.project import InitDocument
@@ -48,6 +49,7 @@ def command(
     from daest.data.project import FILE_NAME, Project, load_project
     from daest.data.read import Signal, read_table
     from daest.data.template import Draft, project_text
+    from daest.errors import DataError
     from daest.modelica.change import with_outputs
     from daest.modelica.flat.clock import model_clock
 
@@ -81,8 +83,21 @@ def command(
     with whole_file(file) as temporary:
         temporary.write_text(project_text(draft), encoding="utf-8")
     project = load_project(file)
-    checks = [checked(path, project, flat) for path in data]
+    try:
+        checks = [checked(path, project, flat) for path in data]
+    except DataError as error:
+        raise _with_file(error, file) from error
     emit(_document(file, draft, checks, tables), "init", form, None, _text)
+
+
+def _with_file(error: DataError, file: Path) -> DataError:
+    """The error of a recording that cannot be checked, with the `file` that was written for it before."""
+    from daest.errors import DataError
+
+    remedy = f"{error.remedy}; {file} is written: complete it, or remove it before the next daest init"
+    return DataError(
+        error.code, error.what, where=error.where, remedy=remedy.removeprefix("; "), problems=error.problems
+    )
 
 
 def _units_to_check(matches: Sequence[Match], table: Table) -> dict[str, str]:

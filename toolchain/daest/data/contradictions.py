@@ -42,6 +42,12 @@ SIGN_LOST = (
     f"{MOVED}: probably a sensor of magnitudes; measure the magnitude in the model, too"
 )
 
+INPUT_SIGN_LOST = (
+    "is never {side} zero, and the model moves {outputs} one way alone with it, "
+    f"{MOVED}, while the recording comes back: probably the magnitude of what the machine got, "
+    "without its sign"
+)
+
 
 @dataclass(frozen=True)
 class Contradiction:
@@ -76,6 +82,10 @@ def model_findings(flat: Model, experiment: Experiment) -> list[Finding]:
         for one in contradictions(flat, experiment)
     ]
     lost = [Finding("check-sign-lost", "warning", name, SIGN_LOST) for name in lost_signs(flat, experiment)]
+    lost += [
+        Finding("check-sign-lost", "warning", name, text)
+        for name, text in inputs_without_sign(flat, experiment).items()
+    ]
     return [*found, *lost, *set_point_findings(flat, experiment.first(LONGEST))]
 
 
@@ -125,6 +135,52 @@ def lost_signs(flat: Model, experiment: Experiment) -> list[str]:
 
     is_lost = _at_all_values(flat, may_be, are_magnitudes)
     return [name for name, found in zip(part.output_names, is_lost, strict=True) if found]
+
+
+def inputs_without_sign(flat: Model, experiment: Experiment) -> dict[str, str]:
+    """What is to be said of the only input that moves, by its name, where it stays on one side of zero, the
+    model then moves an output one way alone, whatever its parameters are, as the angle of a motor, and the
+    recording of that goes there and back: a controller writes its duty beside a pin for the direction."""
+    part = experiment.first(LONGEST)
+    moving = np.flatnonzero(np.ptp(part.inputs, axis=0))
+    if moving.size != 1:
+        return {}
+    driving = part.inputs[:, moving[0]]
+    comes_back = np.array([_is_driven_back(values, driving) for values in part.outputs.T], dtype=bool)
+    if driving.min() < 0.0 < driving.max() or not np.any(comes_back):
+        return {}
+    from daest.systems.simulation.simulate import simulate
+
+    def go_one_way(driven: Any, theta: np.ndarray, _k: int) -> np.ndarray:
+        ways = [_least_way(values) for values in simulate(driven, part, theta=theta).outputs.T]
+        return np.array([way < DATA.one_way for way in ways])
+
+    is_lost = _at_all_values(flat, comes_back, go_one_way)
+    outputs = ", ".join(name for name, found in zip(part.output_names, is_lost, strict=True) if found)
+    side = "below" if driving.min() >= 0.0 else "above"
+    name = part.input_names[moving[0]]
+    return {name: INPUT_SIGN_LOST.format(side=side, outputs=outputs)} if outputs else {}
+
+
+def _is_driven_back(values: np.ndarray, driving: np.ndarray) -> bool:
+    """Whether an output goes there and back, and hardly moves where the input rests at zero: a spring or a
+    leak that the model lacks brings it back there, too."""
+    rests = np.abs(driving) <= DATA.near_zero * np.max(np.abs(driving))
+    rests = rests[:-1] & rests[1:]
+    steps = np.nan_to_num(np.abs(np.diff(values)))
+    is_still = np.sum(steps[rests]) <= DATA.moves_at_rest * np.sum(steps)
+    return bool(is_still and np.mean(rests) >= DATA.least_rest and _least_way(values) >= DATA.come_back)
+
+
+def _least_way(values: np.ndarray) -> float:
+    """The shorter one of the longest ways up and down that a signal goes, as a share of its range; 0 where it
+    stands still."""
+    known = values[np.isfinite(values)]
+    if not known.size or not np.ptp(known):
+        return 0.0
+    up = np.max(known - np.minimum.accumulate(known))
+    down = np.max(np.maximum.accumulate(known) - known)
+    return float(min(up, down) / np.ptp(known))
 
 
 def _at_all_values(

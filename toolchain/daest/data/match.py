@@ -54,7 +54,8 @@ _TIME_NAMES = ("t", "time", "zeit", "timestamp", "seconds", "sec", "elapsed")
 
 def propose_time(table: Table) -> str | None:
     """A column for the time where none is called so: the one with a usual name, else the one of dates, else
-    the only one that increases throughout. None where there is a time, or nothing to choose."""
+    the only one whose header has a unit of time and that never falls, else the only one that increases
+    throughout. None where there is a time, or nothing to choose."""
     if any(time_unit(column) is not None for column in table.columns):
         return None
     rising = [
@@ -63,8 +64,17 @@ def propose_time(table: Table) -> str | None:
     named = [c for c in rising if is_called_time(c.name)]
     of_text = {column.name for column in table.columns if column.texts}
     dated = [c for c in rising if c.name in of_text]
-    chosen = named or dated or rising
+    counting = [c for c in table.columns if counts_time(c)]
+    chosen = named or dated or [c for c in rising if counts_time(c)] or counting or rising
     return chosen[0].name if len(chosen) == 1 else None
+
+
+def counts_time(column: Column) -> bool:
+    """Whether the header of a column has a unit of time, as `Tiempo (s)`, and its values never fall. They may
+    stand still: a logger that stalls writes rows of one time, of which the check of clocks tells."""
+    if not column.unit or not _same_kind(column.unit, "s") or column.values.size < 2:
+        return False
+    return bool(np.all(np.diff(column.values) >= 0) and column.values[-1] > column.values[0])
 
 
 def is_called_time(name: str) -> bool:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import PurePath
 
 from daest.data.match import Match, is_called_time
+from daest.data.table import is_time, split_header
 from daest.model.flat import Model
 from daest.model.parts import Parameter
 
@@ -76,6 +77,8 @@ def _data(draft: Draft) -> Iterator[str]:
     if draft.time is not None:
         how = "name" if is_called_time(draft.time) else "values"
         yield f"time = {_text(draft.time)}  # found by its {how}: please check"
+    elif draft.columns and not any(is_time(split_header(column)[0]) for column in draft.columns):
+        yield '# time = "?"  # no column is called so'
     yield f"# from, to [{draft.clock}], resample [{draft.clock}], detrend (none, mean, linear)"
     yield "# hold (zoh, foh, smooth, zoh(NAME, ...)): inputs between their samples"
     yield from _mapping("inputs", draft.inputs)

@@ -36,12 +36,14 @@ from daest.diagnosis.recordings.holds import (
 )
 from daest.diagnosis.refits.elsewhere import ELSEWHERE, is_apart, led_elsewhere
 from daest.diagnosis.refits.held_back import (
+    is_needed_beside,
     is_seen_beside,
     lag_instead,
     lags_in_the_way,
     laws_in_the_way,
     told_beside,
     with_both,
+    without,
 )
 from daest.diagnosis.refits.rounds import accept
 from daest.diagnosis.without_equations.black_box import diagnose_black_box
@@ -192,8 +194,8 @@ def _beside_another(
         return second if is_seen_beside(stand, first, second.proofs[0], options) else None
     other = None if options.is_over else lag_instead(stand, lags[1:], second.proofs[0], options)
     if other is not None:
-        second = examined(other) or second
-    return second
+        first, second = (other, again) if (again := examined(other)) is not None else (first, second)
+    return second if is_needed_beside(stand, first, second.proofs[0], options) else without(second, first)
 
 
 def switching_case(

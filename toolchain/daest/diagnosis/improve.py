@@ -42,6 +42,7 @@ from daest.diagnosis.recordings.holds import (
 from daest.diagnosis.refits.elsewhere import ELSEWHERE, is_apart, led_elsewhere
 from daest.diagnosis.refits.held_back import (
     foresees_no_better,
+    is_needed_beside,
     is_seen_beside,
     lag_instead,
     lags_in_the_way,
@@ -611,8 +612,24 @@ def _beside_another(task: _Task, path: _Path, diagnosis: Diagnosis) -> list[_Pat
     if law is not None and not task.options.is_over:
         other = lag_instead(path.stand, lags[1:], law, task.options)
         if other is not None:
-            grown = _with_unproven(task, path, diagnosis, other) or grown
+            again = _with_unproven(task, path, diagnosis, other)
+            lags, grown = ([other], again) if again else (lags, grown)
+            law = grown[0].steps[n_before].proof
+    if law is not None and not is_needed_beside(path.stand, lags[0], law, task.options):
+        return _without_unproven(task, path, diagnosis, law) or grown
     return grown
+
+
+def _without_unproven(task: _Task, path: _Path, diagnosis: Diagnosis, law: Proof) -> list[_Path]:
+    """The paths with a law that was accepted beside a lag which nothing proves, without that; none where it
+    cannot be put in."""
+    try:
+        alone = proved_again(path.stand, law, law.fit.theta)
+        told = replace(alone, verdict=law.verdict, reason="")
+        beside = accept(path.stand, told, task.options.jobs)
+    except FAILURES:
+        return []
+    return _continued(task, _Path(beside, (*path.steps, Step(told, told.told, diagnosis, law.verdict))))
 
 
 def _with_unproven(task: _Task, path: _Path, diagnosis: Diagnosis, first: Proof) -> list[_Path]:

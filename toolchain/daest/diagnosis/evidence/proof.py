@@ -390,7 +390,8 @@ class _Judge:
         is_all = self._is_nearly_all(ratios)
         seen = final if final and (is_shown or is_all) else fit
         reason = reason or weak(prepared, seen, self._before, self.found.gain)
-        reason = reason or acts_later(self.run, candidate, last, self._before)
+        adds_up = self.reference is not None and self.reference.adds_up
+        reason = reason or acts_later(self.run, candidate, last, self._before, adds_up=adds_up)
         alone = grown(self.fed, prepared.flat, explicit, last, self.found.experiments)
         reason = reason or undriven(alone)
         if not reason:

@@ -297,6 +297,20 @@ def out_of_reach(model: Null, candidate: Candidate, told: FitResult) -> str:
     return beyond
 
 
+def crossed(candidate: Candidate, told: FitResult) -> str:
+    """Why a law between two places along a variable, such as a pair of stops, is not what its name says,
+    where the upper one lies below the lower one: it then pushes everywhere, as a spring does. Empty where
+    there is room between them."""
+    places = [p for p in scaled_shapes(candidate) if is_place(p)]
+    for upper in (p for p in places if min(p.grid) > 0.0):
+        for lower in (p for p in places if max(p.grid) < 0.0 and p.scale_of == upper.scale_of):
+            high, low = (told.theta[f"{candidate.name}.{p.name}"] for p in (upper, lower))
+            if high < low:
+                ends = f"its {upper.name} ({high:.4g}) lies below its {lower.name} ({low:.4g})"
+                return f"{ends}, so that it acts everywhere"
+    return ""
+
+
 def too_slow(experiments: Sequence[Experiment], candidate: Candidate, told: FitResult) -> str:
     """Why a lag or a delay is not what its name says, where its time is such a share of the recordings that
     these hardly show the signal come back: most of it is then what was before they began, or an integral.
@@ -633,7 +647,8 @@ def _tells_one(u: np.ndarray, change: np.ndarray) -> bool:
 
 def beyond_recordings(model: Null, candidate: Candidate, told: FitResult) -> str:
     """Why the law lies beyond what the recordings reach or show; empty where it does not."""
-    reason = out_of_reach(model, candidate, told) or too_slow(model.experiments, candidate, told)
+    reason = crossed(candidate, told) or out_of_reach(model, candidate, told)
+    reason = reason or too_slow(model.experiments, candidate, told)
     reason = reason or too_slow_for_its_size(model.experiments, candidate, told)
     reason = reason or too_fast(model.experiments, candidate, told)
     reason = reason or shut(model, candidate, told) or too_wide(model, candidate, told)

@@ -23,6 +23,7 @@ from daest.data.contradictions import (
     all_mended,
     contradictions,
     exchanges,
+    inputs_without_sign,
     other_clock,
     perhaps_turned,
 )
@@ -56,7 +57,8 @@ def contradicted(
     clock = _other_clock(flat, experiments) if is_quick and not found else None
     followed = set_points(flat, experiments[0].first(LONGEST)) if experiments and not found else []
     copied = [finding for e in experiments for finding in mostly_copied(e)]
-    if not likely and not pairs and not followed and not copied and clock is None:
+    signless = inputs_without_sign(flat, experiments[0]) if experiments and not found else {}
+    if not (likely or pairs or followed or copied or signless) and clock is None:
         return None
     silent = without_noises(flat) if isinstance(flat, FlatModel) else flat
     options = IdentifyOptions(method="oe", hold=hold, second_look=False)
@@ -69,6 +71,11 @@ def contradicted(
             what = "; ".join(dict.fromkeys(finding.sentence for finding in copied))
             message = f"The recording tells nothing of the machine: {what}."
             return _nothing_claimed(given, message, EMPTY, time.perf_counter() - began)
+        if signless:
+            what = "; ".join(f"{name} {text}" for name, text in signless.items())
+            message = f"The recording contradicts the model: {what}."
+            how = f"Record {' and '.join(signless)} with its sign, and diagnose again."
+            return _nothing_claimed(given, message, how, time.perf_counter() - began)
         told = _mended(silent, given, experiments, likely, options) if likely else None
         if not (found or told):
             told = _counted_in(silent, given, experiments, clock) if clock else None

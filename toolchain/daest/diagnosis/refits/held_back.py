@@ -20,7 +20,7 @@ import numpy as np
 
 from daest.diagnosis.built_in.settled import FAILURES
 from daest.diagnosis.evidence.proof import bic_gain
-from daest.diagnosis.evidence.reasons import is_significant, told_values
+from daest.diagnosis.evidence.reasons import crossed, is_significant, told_values
 from daest.diagnosis.evidence.stand import Stand
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.options import DiagnoseOptions
@@ -105,6 +105,34 @@ def is_seen_beside(stand: Stand, first: Proof, last: Proof, options: DiagnoseOpt
         alone = proved_again(stand, last, last.fit.theta)
         return proved_again(accept(stand, alone, options.jobs), first, last.fit.theta).verdict != "rejected"
     return False
+
+
+def is_needed_beside(stand: Stand, lag: Proof, law: Proof, options: DiagnoseOptions) -> bool:
+    """Whether a refused `lag` is a part of what is missing beside the `law` that was accepted beside it: it
+    is accepted in the model with that law, or unseen data are simulated worse without it. Another one rounds
+    the form of a law that is not quite right. It is, too, where the time is up before that is known."""
+    with suppress(OutOfTimeError, *FAILURES), until(options.until):
+        alone = proved_again(stand, law, law.fit.theta)
+        ratios = error_ratios(alone.told.simulated, law.told.simulated)
+        if not ratios or min(ratios) < 1.0:
+            return True
+        return proved_again(accept(stand, alone, options.jobs), lag, law.fit.theta).verdict != "rejected"
+    return True
+
+
+def without(second: Diagnosis, lag: Proof) -> Diagnosis:
+    """The diagnosis beside a `lag` that nothing proves: with the law that was accepted there, and what is
+    said of the lag."""
+    label = lag.candidate.label
+    kept = [p for p in second.proofs if p.verdict != "rejected" and p.candidate.label != label]
+    refused = replace(lag, reason="unseen data are simulated as well without it, beside the law")
+    others = [p for p in second.proofs if p.verdict == "rejected"]
+    message = second.message.partition(f" {label} (")[0]
+    message += (
+        f" With {label} in the model besides the recordings are likelier, and unseen data are simulated no "
+        "better: nothing proves it, and what is fast there may be the form of the law."
+    )
+    return replace(second, message=message, proofs=(*kept, refused, *others))
 
 
 def _is_certain_beside_loads(proof: Proof) -> bool:
@@ -225,10 +253,13 @@ def told_beside(first: Proof, stand: Stand, beside: Stand) -> Proof:
 
 def with_both(second: Diagnosis, first: Proof, stand: Stand, alone: Diagnosis) -> Diagnosis | None:
     """The `second` diagnosis, beside a lag or another law that was put in the `first`, with this told; None
-    where it accepts nothing, nothing beside which that is still there, or nothing with which unseen data are
-    simulated any better than by the model of `stand`, or far better than by what is accepted `alone`."""
+    where it accepts nothing, nothing beside which that is still there and what it is called, or nothing with
+    which unseen data are simulated any better than by the model of `stand`, or far better than by what is
+    accepted `alone`."""
     accepted = [proof for proof in second.proofs if proof.verdict != "rejected"]
     if not accepted or _is_gone(first, accepted[0]) or _simulates_worse(accepted[0], stand):
+        return None
+    if crossed(first.candidate, accepted[0].told):
         return None
     if foresees_no_better(accepted[0], alone):
         return None

@@ -16,15 +16,18 @@ from daest.model.fit import FitResult, error_ratios
 from daest.numerics.exponential import transition_integrals
 
 
-def acts_later(run: NullObserver, candidate: Candidate, told: FitResult, before: FitResult) -> str:
+def acts_later(
+    run: NullObserver, candidate: Candidate, told: FitResult, before: FitResult, *, adds_up: bool
+) -> str:
     """Why a share of an input in a reading is none: it is less than what the input does to the output by
     itself within a sample, and no simulation of unseen data is clearly better with it; empty where it may be
-    one."""
+    one. Where errors of the simulation add up (`adds_up`), as of the angle that a motor turns to, none is:
+    what acts within a sample does not add up, and other values make such a simulation better."""
     effect = candidate.effect
     if not (effect.is_of_driving and candidate.site.kind == "output"):
         return ""
     ratios = error_ratios(before.simulated, told.simulated)
-    if ratios and min(ratios) < GATES.max_clear_ratio:
+    if ratios and not adds_up and min(ratios) < GATES.max_clear_ratio:
         return ""
     experiment = run.null.experiments[0]
     column = experiment.input_names.index(candidate.inputs[effect.inputs[0]])
