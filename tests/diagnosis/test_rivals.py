@@ -10,7 +10,7 @@ import pytest
 from hidden_plants import library, model, prove, rubbing, some_effects
 from scipy.signal import lfilter
 
-from daest.diagnosis.built_in.trials import prepare, trials
+from daest.diagnosis.built_in.trials import Trial, prepare, trials
 from daest.diagnosis.evidence.ranking import could_compete
 from daest.diagnosis.evidence.rival_laws import may_be_of_the_kink
 from daest.diagnosis.null_model.null import fit_null
@@ -18,6 +18,7 @@ from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.refits.dynamic_fits import best_dynamic, best_simulation, dynamic_fits
 from daest.diagnosis.refits.rivals import (
     alike_elsewhere,
+    begun_by_the_other,
     from_other_sizes,
     kinked_elsewhere,
     laws_at_its_place,
@@ -281,6 +282,35 @@ def test_kink_of_a_rival_elsewhere_is_fitted_where_that_of_the_leader_is():
     assert kinked_elsewhere(leader, [less, here]) == []
     others = [replace(half, delta_log_likelihood=f * leader.delta_log_likelihood) for f in (0.7, 0.9, 0.8)]
     assert kinked_elsewhere(leader, others) == [others[1], others[2]]
+
+
+def late_law(name: str, gain: float, drag: float, time: float):
+    """A proof of a lag or a dead time at the input that has ended with these values, certain to 1 %."""
+    _, _, proof = proved("CoulombFriction")
+    null = rubbing().null
+    law = next(c for c in pairs(some_effects(name), sites(model())) if c.site.kind == "input")
+    prepared = prepare(null.flat, null.estimated, Trial(law, (time,), ()))
+    one = next(p for p in proof.fit.parameters if p.name in null.estimated)
+    values = {**dict.fromkeys(null.estimated, drag), law.estimated[0]: time}
+    parameters = tuple(replace(one, name=n, value=v, std_error=0.01 * v) for n, v in values.items())
+    fit = replace(proof.fit, parameters=parameters, theta={**proof.fit.theta, **values})
+    return replace(proof, candidate=law, flat=prepared.flat, fit=fit, delta_bic=gain)
+
+
+def test_lag_and_dead_time_of_a_signal_that_have_ended_apart_begin_from_each_other():
+    """Beside loads that take what a lag does not say, a heater's losses were half of what they are."""
+    null = rubbing().null
+    lag, dead = late_law("Lag", 200.0, 0.1, 3.0), late_law("Delay", 300.0, 0.2, 2.0)
+    again = {p.trial.candidate.effect.name: p for p in begun_by_the_other(null, [lag, dead])}
+    assert again.keys() == {"Lag", "Delay"}
+    begins = {name: {p.name: p.value for p in prepared.flat.parameters} for name, prepared in again.items()}
+    one = null.estimated[0]
+    assert begins["Delay"][one] == 0.1 and begins["Delay"][dead.candidate.estimated[0]] == 3.0
+    assert begins["Lag"][one] == 0.2 and begins["Lag"][lag.candidate.estimated[0]] == 2.0
+    alike = late_law("Delay", 300.0, 0.101, 2.0)
+    assert begun_by_the_other(null, [lag, alike]) == []
+    idle = late_law("Lag", 0.0, 0.1, 3.0)
+    assert begun_by_the_other(null, [idle, dead]) == []
 
 
 def test_law_is_tried_in_its_other_direction():

@@ -10,6 +10,7 @@ from daest.modelica.compile import compile_model
 from daest.modelica.effects.attach import attach
 from daest.modelica.effects.catalogue import find_effect
 from daest.modelica.effects.extend import extend_model
+from daest.modelica.places.place_units import units_at
 from daest.modelica.places.sites import find_site, fits, sites
 from daest.systems.simulation.simulate import simulate
 
@@ -37,6 +38,26 @@ equation
 end Tanks;
 """
 
+GASES = """model Gases
+  parameter Real V1(unit = "m3") = 2e-3;
+  parameter Real V2(unit = "m3") = 5e-3;
+  parameter Real RT(unit = "J/kg") = 84091;
+  parameter Real C(unit = "kg/(s.Pa)") = 1e-8;
+  input Real p0(unit = "Pa");
+  output Real p1(unit = "Pa", start = 1e5, fixed = true);
+  output Real p2(unit = "Pa", start = 3e5, fixed = true);
+  Real q1(unit = "kg/s");
+equation
+  q1 = C*(p0 - p1);
+  V1*der(p1) = RT*q1;
+  V2*der(p2) = RT*C*(p0 - p2);
+end Gases;
+"""
+LINE = find_effect("Hydraulic.LaminarLine")
+OF_MASS = GASES.replace("V2*der(p2) = RT*C*(p0 - p2)", "V2/RT*der(p2) = C*(p0 - p2)")
+OF_VOLUME = GASES.replace("  Real q1(unit = \"kg/s\");\n", "").replace("  q1 = C*(p0 - p1);\n", "")
+OF_VOLUME = OF_VOLUME.replace("V1*der(p1) = RT*q1", "der(p1) = RT*C*(p0 - p1)/V1")
+
 
 def rooms(_, T):
     flow = 4.0 * (T[0] + 273.15 - T[1])
@@ -54,6 +75,12 @@ def cascade(_, h):
     return [(0.5 - 0.1 * h[0] - flow) / 2, (-0.3 * h[1] + flow) / 3]
 
 
+def gases(_, p):
+    leak = 3e-9 * (p[0] - p[1])
+    flows = 1e-8 * (4e5 - p) + np.array([-leak, leak])
+    return 84091 * flows / np.array([2e-3, 5e-3])
+
+
 CASES = {
     "Rooms": (ROOMS, "Thermal.Conduction", {"G": 4.0}, 500.0, 2000.0, rooms, [20.0, 290.0]),
     "Tanks": (TANKS, "Hydraulic.Weir", {"k": 0.7, "p_max": 0.5, "p_s": 0.01}, 0.5, 5.0, tanks, [1.0, 0.2]),
@@ -66,11 +93,22 @@ CASES = {
         cascade,
         [1.0, 0.2],
     ),
+    "Gases": (OF_MASS, "Hydraulic.LaminarLine", {"G": 3e-9}, 4e5, 3.0, gases, [1e5, 3e5]),
+    "Volumes": (
+        OF_VOLUME.replace("Gases", "Volumes"),
+        "Hydraulic.LaminarLine",
+        {"G": 3e-9 * 84091},
+        4e5,
+        3.0,
+        gases,
+        [1e5, 3e5],
+    ),
 }
 
 
 @pytest.mark.parametrize(
-    "name", [*(pytest.param(name, marks=pytest.mark.slow) for name in ("Rooms", "Tanks")), "Cascade"]
+    "name",
+    [*(pytest.param(n, marks=pytest.mark.slow) for n in ("Rooms", "Tanks")), "Cascade", "Gases", "Volumes"],
 )
 def test_flow_leaves_one_balance_and_enters_the_other(tmp_path, name):
     text, class_name, values, u, end, rate, start = CASES[name]
@@ -93,6 +131,15 @@ def test_flow_leaves_one_balance_and_enters_the_other(tmp_path, name):
     (there,) = [s for s in sites(opened) if s.kind == "exchange"]
     second = extend_model(again, made.class_name, effect, there, "second", values)
     assert second.text.count("Daest.Terms.") == 2
+
+
+@pytest.mark.parametrize(("text", "unit"), [(OF_MASS, "kg/(s.Pa)"), (OF_VOLUME, "m3/s"), (GASES, None)])
+def test_gases_that_are_balanced_alike_exchange_what_is_balanced(tmp_path, text, unit):
+    path = tmp_path / "Gases.mo"
+    path.write_text(text)
+    flat = compile_model(path)
+    found = [units_at(flat, LINE, site) for site in sites(flat) if site.kind == "exchange"]
+    assert [units["G"] for units in found] == ([unit] if unit else [])
 
 
 @pytest.mark.parametrize("unit", [pytest.param("K", marks=pytest.mark.slow), "degC"])

@@ -44,6 +44,7 @@ from daest.diagnosis.refits.dependences import (
 from daest.diagnosis.refits.dynamic_fits import DynamicFits, best_dynamic
 from daest.diagnosis.refits.rivals import (
     alike_elsewhere,
+    begun_by_the_other,
     from_other_sizes,
     kinked_elsewhere,
     laws_at_its_place,
@@ -122,6 +123,7 @@ class Course:
         proofs = self._with_straight_laws(stages, proofs)
         proofs = self._with_other_forms(stages, proofs)
         proofs = self._with_storage(stages, proofs)
+        proofs = self._with_late_signals_begun_anew(stages, proofs)
         proofs = self._with_lag_told_apart(stages, proofs)
         proofs = self._with_dead_time_for_lag(stages, proofs)
         proofs = self._with_dependences(stages, proofs)
@@ -295,6 +297,14 @@ class Course:
         if is_open or self._leaves_most(proofs):
             proofs += stages.proved(stages.bent(found, self.candidates, proofs), proofs)[0]
         return proofs
+
+    def _with_late_signals_begun_anew(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
+        """All laws; the likeliest lags and dead times once more, each from where the other at its signal has
+        ended, where no law is accepted. To first order they are the same, and beside loads that take what
+        one does not say the parameters may have gone where only the loads follow."""
+        if best_accepted(ranked(proofs)) is not None or self.options.is_over:
+            return proofs
+        return _with_second_tries(proofs, stages.proved(begun_by_the_other(self.stand.null, proofs), ())[0])
 
     def _with_lag_told_apart(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws; a lag that is short beside the model is one all the same where the recordings tell its

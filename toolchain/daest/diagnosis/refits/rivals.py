@@ -13,7 +13,7 @@ from itertools import chain
 import casadi as ca
 import numpy as np
 
-from daest.diagnosis.built_in.late_signals import LAG
+from daest.diagnosis.built_in.late_signals import LAG, MOST_LATE, is_late
 from daest.diagnosis.built_in.trials import SHARPER, Prepared, Trial, trials, with_kinks_bounded
 from daest.diagnosis.evidence.law_values import errors_last
 from daest.diagnosis.evidence.proof import bic_gain
@@ -232,6 +232,36 @@ def shortest_lag(proofs: Sequence[Proof]) -> Proof | None:
         return None
     others = [p.delta_bic for p in short if p is not best and not p.places & best.places]
     return best if best.delta_bic >= max(others, default=0.0) + GATES.min_bic_gain else None
+
+
+def begun_by_the_other(null: Null, proofs: Sequence[Proof]) -> list[Prepared]:
+    """The lag and the dead time of the likeliest signals where both pay for their parameters, each to start
+    from the parameters of the model and the time that the other has ended with; none at a signal where both
+    have ended with the same within their errors."""
+    late = [p for p in proofs if is_late(p.candidate) and p.delta_bic >= GATES.min_bic_gain]
+    late.sort(key=lambda p: p.delta_bic, reverse=True)
+    sites = list(dict.fromkeys(p.candidate.site for p in late))
+    pairs = [[p for p in late if p.candidate.site == site][:2] for site in sites]
+    apart = [pair for pair in pairs if len(pair) == 2 and _are_apart(null, *pair)]
+    return [_begun_by(null, *way) for one, other in apart[:MOST_LATE] for way in ((one, other), (other, one))]
+
+
+def _begun_by(null: Null, proof: Proof, other: Proof) -> Prepared:
+    """A lag or a dead time to start from where the other at its signal has ended."""
+    law = proof.candidate
+    flat = with_equations(proof.flat, "a refit").with_theta({n: other.fit.theta[n] for n in null.estimated})
+    trial = Trial(law, other.sizes, _at_other_places(law, proof))
+    own = dict(zip(law.estimated, other.sizes, strict=True))
+    return Prepared(trial, flat.with_theta(own), (*null.estimated, *law.estimated))
+
+
+def _are_apart(null: Null, one: Proof, other: Proof) -> bool:
+    """Whether two refits have ended with other values of the model's parameters than their errors allow."""
+    at = [{p.name: p for p in proof.fit.parameters if p.name in null.estimated} for proof in (one, other)]
+    return any(
+        abs(a.value - b.value) > GATES.min_significance * max(a.std_error or 0.0, b.std_error or 0.0)
+        for a, b in ((at[0][name], at[1][name]) for name in at[0].keys() & at[1].keys())
+    )
 
 
 def straight_laws(candidates: Sequence[Candidate], proofs: Sequence[Proof]) -> list[Trial]:

@@ -23,6 +23,8 @@ _SIGNAL = "u"  # in the unit of a parameter: the unit of the signal
 _INVERSE = "1/u"
 _INVERSE_RATE = "1/(u.s)"
 _NOT_BY_SECONDS = (_SIGNAL, _INVERSE, _INVERSE_RATE)  # nothing to convert, or converted as it is made
+_VOLUME_AT_PRESSURE = "Pa.m3/s"
+_GAS_FLOWS = (MASS_FLOW, _VOLUME_AT_PRESSURE)
 _TOLERANCE = 1e-9  # relative, of numbers that rounding alone makes differ
 
 
@@ -77,6 +79,9 @@ def _units_in_seconds(flat: FlatModel, effect: Effect, site: Site, clock: str) -
             return {name: unit if _is_made_of(unit, own) else "" for name, unit in given.items()}
         if balance is not None and balance.is_level(flat):
             return _as_levels(given)
+        of_row = flow_of(flat, balance)[0] if balance is not None else ""
+        if of_row in _GAS_FLOWS:
+            return {p.name: _of_other_flow(p.unit, of_row) for p in effect.parameters}
     if site.connectors and site.domain == "hydraulic":
         of_potential, of_flow = _units_of_connector(flat, site)
         if of_flow == MASS_FLOW:
@@ -161,7 +166,7 @@ def flow_unit(flat: FlatModel, site: Site) -> str:
         residual = flat.residual[int(site.name.partition(":")[0])]
         return next((unit for unit in ("Pa", LEVEL) if has_unit(flat, residual, unit)), "")
     balance = _balance_of(flat, site.name) if site.kind == "equation" else None
-    return FLOWS[site.domain] if balance is not None and balances_flows(flat, balance) else ""
+    return "" if balance is None else flow_of(flat, balance)[0]
 
 
 def flows_in_rows(flat: FlatModel, rows: Sequence[int]) -> list[ca.SX]:
@@ -215,10 +220,27 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
 
     In other base units every quantity has another value. The factor must change as flow over rate does.
     """
-    domain, variable = balance.domain(flat), balance.potential(flat)
+    return flow_of(flat, balance)[1]
+
+
+def flow_of(flat: FlatModel, balance: Balance) -> tuple[str, ca.SX | None]:
+    """The unit of the flows that an equation balances, and their factor (`flow_factor`): that of its domain,
+    or else of a gas, of which masses balance, or pressure times volume. Without a factor the unit is empty.
+    """
+    domain = balance.domain(flat)
     if domain is None:
-        return None
-    unit = FLOWS[domain]
+        return "", None
+    may_be_gas = domain == "hydraulic" and balance.store < 0 and balance.potential(flat).unit in DOMAINS
+    for unit in (FLOWS[domain], *(_GAS_FLOWS if may_be_gas else ())):
+        factor = _factor_of(flat, balance, unit)
+        if factor is not None:
+            return unit, factor
+    return "", None
+
+
+def _factor_of(flat: FlatModel, balance: Balance, unit: str) -> ca.SX | None:
+    """By what a flow in the `unit` is multiplied in the equation (`flow_factor`)."""
+    variable = balance.potential(flat)
     if balance.store >= 0:
         return _into_store(flat, balance, unit)
     wanted, rate = dimensions(unit), dimensions(variable.unit)
@@ -238,7 +260,8 @@ def flow_factor(flat: FlatModel, balance: Balance) -> ca.SX | None:
         if storages:
             is_one = all(are_same(flat, one, storages[0]) for one in storages)
             return 1.0 / storages[0] if is_one else None
-    return _slope_of_flow(flat, balance, unit)
+    # Heat and power have the unit of pressure times volume over time, and are not what flows.
+    return None if unit == _VOLUME_AT_PRESSURE else _slope_of_flow(flat, balance, unit)
 
 
 def _into_store(flat: FlatModel, balance: Balance, unit: str) -> ca.SX | None:

@@ -23,7 +23,7 @@ from daest.modelica.places.equal_places import equal_places
 from daest.modelica.places.inner_signals import inner_signals, is_lag
 from daest.modelica.places.internal_forces import internal_forces
 from daest.modelica.places.meshes import meshes
-from daest.modelica.places.place_units import balances_flows, carries_gas
+from daest.modelica.places.place_units import balances_flows, carries_gas, flow_of
 from daest.modelica.places.terminals import terminals
 from daest.near import did_you_mean
 from daest.quantities import converts, in_base_units, is_of
@@ -198,10 +198,10 @@ def untold_balances(flat: FlatModel) -> list[Site]:
 
 
 def _exchanges(flat: FlatModel) -> list[Site]:
-    """Pairs of balances of heat or volume among the model's own equations, and of a balance of heat and a
-    temperature that is an input in one of them."""
-    kinds = [(b, b.domain(flat), b.is_level(flat)) for b in balances(flat)]
-    known = [(b, domain, kind) for b, domain, kind in kinds if domain in _PAIRED and balances_flows(flat, b)]
+    """Pairs of balances of heat, of volume or of a gas among the model's own equations, and of a balance of
+    heat and a temperature that is an input in one of them."""
+    kinds = [(b, b.domain(flat), (flow_of(flat, b)[0], b.is_level(flat))) for b in balances(flat)]
+    known = [(b, domain, kind) for b, domain, kind in kinds if domain in _PAIRED and kind[0]]
     found: list[Site] = []
     for (a, domain, kind), (b, other, of_b) in combinations(known, 2):
         if domain == other and kind == of_b:
