@@ -55,7 +55,7 @@ end Gases;
 """
 LINE = find_effect("Hydraulic.LaminarLine")
 OF_MASS = GASES.replace("V2*der(p2) = RT*C*(p0 - p2)", "V2/RT*der(p2) = C*(p0 - p2)")
-OF_VOLUME = GASES.replace("  Real q1(unit = \"kg/s\");\n", "").replace("  q1 = C*(p0 - p1);\n", "")
+OF_VOLUME = GASES.replace('  Real q1(unit = "kg/s");\n', "").replace("  q1 = C*(p0 - p1);\n", "")
 OF_VOLUME = OF_VOLUME.replace("V1*der(p1) = RT*q1", "der(p1) = RT*C*(p0 - p1)/V1")
 
 
