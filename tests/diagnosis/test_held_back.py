@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from daest.diagnosis import diagnose as diagnosing
-from daest.diagnosis import improve as improving
 from daest.diagnosis.diagnose import diagnose
+from daest.diagnosis.hypotheses import together
 from daest.diagnosis.improve import improve
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.refits import held_back as holding_back
@@ -281,12 +281,12 @@ def test_short_lag_that_a_simulation_tells_roughly_is_not_gone(simulated, std, f
 def test_no_second_lag_beside_one_that_has_let_no_law_in(monkeypatch):
     """Two unproven lags, which trade with each other, would let almost any law in."""
     tried = []
-    monkeypatch.setattr(improving, "lags_in_the_way", lambda found: ["lag of the input", "lag of the output"])
-    monkeypatch.setattr(improving, "_with_unproven", lambda task, path, found, lag: tried.append(lag) or [])
+    monkeypatch.setattr(together, "lags_in_the_way", lambda found: ["lag of the input", "lag of the output"])
+    monkeypatch.setattr(together, "with_unproven", lambda task, path, found, lag, _: tried.append(lag) or [])
     task = SimpleNamespace(options=DiagnoseOptions(), first=(), most_effects=5)
     for is_unproven, expected in ((False, ["lag of the input"]), (True, [])):
         path = SimpleNamespace(steps=(SimpleNamespace(is_unproven=is_unproven),))
-        assert improving._beside_another(task, path, None) == []
+        assert together.beside_another(task, path, None, None) == []
         assert tried == expected
         tried.clear()
 

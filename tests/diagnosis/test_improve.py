@@ -10,6 +10,7 @@ from hidden_plants import library, model, prove, rubbing, some_effects
 
 from daest.diagnosis import improve as improving
 from daest.diagnosis.built_in.trials import Trial, prepare, with_kinks_bounded
+from daest.diagnosis.hypotheses import extended, hypothesis, rebuilt, searched, together
 from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.options import DiagnoseOptions
 from daest.diagnosis.refits import rounds as refitting
@@ -39,7 +40,7 @@ def proof_of(name):
 def friction_beside_drag():
     """The proof of friction in a model that has drag already."""
     friction = proof_of("CoulombFriction")
-    beside = improving.accept(rubbing(), replace(proof_of("QuadraticDrag"), verdict="supported"))
+    beside = refitting.accept(rubbing(), replace(proof_of("QuadraticDrag"), verdict="supported"))
     return proved_again(beside, friction, friction.told.theta)
 
 
@@ -65,9 +66,10 @@ def rounds(monkeypatch):
             return next_proofs(inside)
 
         monkeypatch.setattr(improving, "begin", lambda *_: rubbing())
-        monkeypatch.setattr(improving, "examine", examine)
-        monkeypatch.setattr(improving, "_helps", lambda *_: True)
-        monkeypatch.setattr(improving, "better_hold", lambda *_: None)
+        monkeypatch.setattr(searched, "examine", examine)
+        for room in (searched, together):
+            monkeypatch.setattr(room, "helps", lambda *_: True)
+        monkeypatch.setattr(searched, "better_hold", lambda *_: None)
         monkeypatch.setattr(improving, "unsettled_hold", lambda *_: None)
         result = improving.improve(model(), library(), [], (), DiagnoseOptions(), **choices)
         return result, asked
@@ -110,7 +112,7 @@ def test_another_law_is_begun_with_where_something_is_missing_still(
     friction, drag = (proof_of(n) for n in ("CoulombFriction", "QuadraticDrag"))
     friction = replace(friction, verdict="supported", delta_log_likelihood=100.0, delta_bic=100.0)
     gains = {"delta_log_likelihood": 100.0 * factor, "delta_bic": 100.0 * factor, "is_known": True}
-    monkeypatch.setattr(improving, "proved_beside", lambda *_: replace(drag, verdict=verdict, **gains))
+    monkeypatch.setattr(searched, "proved_beside", lambda *_: replace(drag, verdict=verdict, **gains))
     leading = [Screened(p.candidate, 9.0, (0.1,), 1e-9, False, 0.1) for p in (drag, friction)]
     screen = Screen(tuple(leading), np.eye(2), 1e-9, 2, ())
 
@@ -210,26 +212,26 @@ def path(bic, rms, adds_up=False, steps=None):
 
 def test_unseen_data_come_before_the_likelihood(monkeypatch):
     doubted: list = []
-    monkeypatch.setattr(improving, "_doubtful", lambda steps: [0] if steps in doubted else [])
+    monkeypatch.setattr(hypothesis, "doubtful_steps", lambda steps: [0] if steps in doubted else [])
     likely, foresees = path(-1000.0, 1.0), path(-900.0, 0.5)
-    assert improving._is_ahead(foresees, likely) and not improving._is_ahead(likely, foresees)
+    assert hypothesis._is_ahead(foresees, likely) and not hypothesis._is_ahead(likely, foresees)
     alike = path(-900.0, 0.99)
-    assert improving._is_ahead(likely, alike) and not improving._is_ahead(alike, likely)
+    assert hypothesis._is_ahead(likely, alike) and not hypothesis._is_ahead(alike, likely)
     # Where a simulation is dead reckoning, it says nothing.
     reckoned = path(-900.0, 0.5, adds_up=True)
-    assert improving._is_ahead(path(-1000.0, 1.0, adds_up=True), reckoned)
+    assert hypothesis._is_ahead(path(-1000.0, 1.0, adds_up=True), reckoned)
     close = path(-1003.0, 1.0)
-    assert not improving._is_ahead(close, likely) and improving._leading([likely, close]) == [likely, close]
-    assert improving._leading([likely, alike, foresees]) == [foresees]
+    assert not hypothesis._is_ahead(close, likely) and hypothesis.leading([likely, close]) == [likely, close]
+    assert hypothesis.leading([likely, alike, foresees]) == [foresees]
     # Three laws may do what two others do: these are not to be clearly likelier.
     long, short = path(-1000.0, 1.0, steps=(0, 1, 2, 3)), path(-1003.0, 1.0, steps=(0, 1, 2))
-    assert improving._leading([long, short])[0] is short and not improving._is_ahead(long, short)
-    assert not improving._is_ahead(path(-999.0, 1.0, steps=(0, 1, 2)), long)
-    assert not improving._is_ahead(path(-1003.0, 1.2, steps=(0, 1, 2)), long)
+    assert hypothesis.leading([long, short])[0] is short and not hypothesis._is_ahead(long, short)
+    assert not hypothesis._is_ahead(path(-999.0, 1.0, steps=(0, 1, 2)), long)
+    assert not hypothesis._is_ahead(path(-1003.0, 1.2, steps=(0, 1, 2)), long)
     # What an effect makes likelier of which nothing is known any more is no better for it.
     doubted.append(likely.steps)
-    assert not improving._is_ahead(likely, alike) and improving._leading([alike, likely]) == [alike, likely]
-    assert improving._is_ahead(foresees, likely)
+    assert not hypothesis._is_ahead(likely, alike) and hypothesis.leading([alike, likely]) == [alike, likely]
+    assert hypothesis._is_ahead(foresees, likely)
 
 
 def test_lists_that_explain_all_as_well_are_told():
@@ -240,16 +242,18 @@ def test_lists_that_explain_all_as_well_are_told():
         steps = [SimpleNamespace(proof=None)] + [
             SimpleNamespace(proof=SimpleNamespace(candidate=SimpleNamespace(label=label))) for label in labels
         ]
-        return improving._Path(None, tuple(steps), SimpleNamespace(verdict=verdict), "Nothing is missing.")
+        return hypothesis.Hypothesis(
+            None, tuple(steps), SimpleNamespace(verdict=verdict), "Nothing is missing."
+        )
 
     best = ended("Drag at w", "Offset at u")
     others = [ended("Friction at w", "Load at w"), ended("Offset at u", "Drag at w"), ended("Lag at u")]
-    assert improving._beside_others([best, *others]).reason == (
+    assert searched._beside_others([best, *others]).reason == (
         "Nothing is missing. These data do not tell this list from Friction at w, then Load at w or Lag at u."
     )
-    assert improving._beside_others([best, ended("Lag at u", verdict="unknown effect")]) is best
+    assert searched._beside_others([best, ended("Lag at u", verdict="unknown effect")]) is best
     open_ended = ended("Drag at w", verdict="unknown effect")
-    assert improving._beside_others([open_ended, *others]) is open_ended
+    assert searched._beside_others([open_ended, *others]) is open_ended
 
 
 def test_effect_is_doubtful_once_no_size_of_it_is_certain():
@@ -262,9 +266,9 @@ def test_effect_is_doubtful_once_no_size_of_it_is_certain():
 
     first = Step(proof, proof.fit, found([proof]), "supported")
     asis = Step(None, proof.fit, None, "")
-    assert improving._doubtful([asis, first, after()]) == []
-    assert improving._doubtful([asis, first, after(value=0.1, std_error=0.05)]) == [1]
-    assert improving._doubtful([asis, first, after(std_error=None)]) == [1]
+    assert hypothesis.doubtful_steps([asis, first, after()]) == []
+    assert hypothesis.doubtful_steps([asis, first, after(value=0.1, std_error=0.05)]) == [1]
+    assert hypothesis.doubtful_steps([asis, first, after(std_error=None)]) == [1]
     # A size is certain, too, where its ratio to a parameter is.
     scale = next(p for p in proof.fit.parameters if not p.name.startswith(proof.candidate.name))
     blurred = replace(scale, std_error=0.5 * scale.value)
@@ -272,9 +276,9 @@ def test_effect_is_doubtful_once_no_size_of_it_is_certain():
     names, together = (scale.name, own), np.full((2, 2), 0.9999)
     beside = replace(proof.fit, parameters=both, correlation_names=names, correlation=together)
     unknown = replace(asis, fit=replace(proof.fit, parameters=(blurred,)))
-    assert improving._doubtful([unknown, first, Step(None, beside, None, "")]) == []
+    assert hypothesis.doubtful_steps([unknown, first, Step(None, beside, None, "")]) == []
     # What the recordings themselves show needs no size.
-    assert improving._doubtful([asis, replace(first, diagnosis=None), after(std_error=None)]) == []
+    assert hypothesis.doubtful_steps([asis, replace(first, diagnosis=None), after(std_error=None)]) == []
 
 
 @pytest.mark.parametrize(
@@ -296,12 +300,12 @@ def test_simpler_law_takes_the_place_of_one_that_had_bent(monkeypatch, std_error
     first = Step(rich, rich.fit, found([rich, replace(simple, verdict="rejected")]), "supported")
     steps = (Step(None, rich.fit, None, ""), first, Step(last, fit, found([last]), "supported"))
     bent = path(-1000.0, 1.0, steps=steps)
-    other = improving._Path(bent.stand, steps)
-    monkeypatch.setattr(improving._Path, "bic", bic)
+    other = hypothesis.Hypothesis(bent.stand, steps)
+    monkeypatch.setattr(hypothesis.Hypothesis, "bic", bic)
     asked = []
-    monkeypatch.setattr(improving, "_rebuilt", lambda _, __, *which: asked.append(which) or other)
+    monkeypatch.setattr(rebuilt, "_rebuilt", lambda _, __, *which: asked.append(which) or other)
     task = SimpleNamespace(first=steps[:1], progress=lambda _: None)
-    taken = improving._with_simpler(task, bent)
+    taken = rebuilt.with_simpler(task, bent)
     assert asked == ([] if std_error < 0.01 else [(1, replace(simple, verdict="rejected"))])
     assert (taken is not bent) == is_taken
     if is_taken:
@@ -316,7 +320,7 @@ def test_a_model_that_cannot_be_fitted_again_ends_the_improvement_and_loses_noth
     def fails(*_):
         raise EstimationError("identify-no-start", "it cannot be simulated")
 
-    monkeypatch.setattr(improving, "accept", fails)
+    monkeypatch.setattr(extended, "accept", fails)
     result, _ = rounds(lambda _: found([friction], "supported"))
     assert [s.proof for s in result.steps] == [None]
     assert "no further fit of the model with it ends" in result.reason
@@ -354,9 +358,9 @@ def test_effect_that_leaves_nothing_of_an_earlier_one_simulates_no_worse(std_err
     before = path(0.0, 1.0, steps=(asis, first))
     further = Step(proof_of("QuadraticDrag"), fit, found([proof]), "supported")
     after = path(-1.0, rms, steps=(asis, first, further))
-    assert improving._displaces(before, after) == is_refused
+    assert extended.displaces(before, after) == is_refused
     if is_refused:
-        said = improving._displaced(before, after)
+        said = extended.displaced(before, after)
         assert "leaves nothing certain of CoulombFriction at rotor.flange_a" in said and "1.35 times" in said
 
 
@@ -367,15 +371,15 @@ def test_ledger_tells_that_a_simulation_gets_worse_though_a_law_is_supported(add
     proof = replace(proof_of("CoulombFriction"), adds_up=adds_up)
     step = Step(proof, proof.told, found([proof]), "supported")
     better = replace(proof.told, simulated=scaled(proof.told.simulated, 1.0 / factor))
-    before = improving._Path(SimpleNamespace(told=better), ())
-    said = improving._noted(before, improving._Path(SimpleNamespace(), (step,))).steps[-1].remark
+    before = hypothesis.Hypothesis(SimpleNamespace(told=better), ())
+    said = extended._noted(before, hypothesis.Hypothesis(SimpleNamespace(), (step,))).steps[-1].remark
     assert said.startswith("supported") and ("add up, gets 2 times worse" in said) == is_told
 
 
 @cache
 def with_friction():
     """The stand with friction in its model."""
-    return improving.accept(rubbing(), replace(proof_of("CoulombFriction"), verdict="supported"))
+    return refitting.accept(rubbing(), replace(proof_of("CoulombFriction"), verdict="supported"))
 
 
 @pytest.mark.parametrize(("certainty", "is_taken"), [(-9.0, False), (-0.1, True)])
@@ -416,12 +420,14 @@ def test_pair_is_added_where_each_is_accepted_beside_the_other(rounds, monkeypat
         is_accepted = not is_alone and name not in refused
         return replace(proofs[name], verdict="supported" if is_accepted else "rejected", reason="too little")
 
-    monkeypatch.setattr(improving, "promising_pairs", lambda _: [] if beside.done else [entries])
-    monkeypatch.setattr(improving, "proved_beside", beside)
-    monkeypatch.setattr(improving, "gains_beside", lambda *_: gains)
+    monkeypatch.setattr(together, "promising_pairs", lambda _: [] if beside.done else [entries])
+    monkeypatch.setattr(together, "proved_beside", beside)
+    monkeypatch.setattr(together, "gains_beside", lambda *_: gains)
     judged = []
     monkeypatch.setattr(
-        improving, "_without_superfluous", lambda _, path: judged.append(improving._labels(path)) or path
+        together,
+        "without_superfluous",
+        lambda _, path: judged.append(hypothesis.labels_of(path)) or path,
     )
     beside.done = False
 
@@ -450,7 +456,7 @@ def test_step_whose_sizes_another_fit_does_not_determine_says_so(is_known):
     )
     told = proof.told if is_known else replace(proof.told, parameters=blurred)
     again = SimpleNamespace(null=stand.null, baseline=proof.fit, told=told)
-    last = improving._refitted(improving._Path(stand, steps), again, "refitted: held").steps[-1]
+    last = rebuilt.refitted(hypothesis.Hypothesis(stand, steps), again, "refitted: held").steps[-1]
     assert last.remark.startswith("supported; refitted: held")
     assert last.remark.endswith("with which the data determine none of its parameters") != is_known
 
@@ -466,11 +472,11 @@ def test_step_whose_sizes_another_fit_does_not_determine_says_so(is_known):
     ],
 )
 def test_an_effect_helps_that_makes_all_errors_together_clearly_smaller(monkeypatch, before, after, helps):
-    monkeypatch.setattr(improving, "is_likelier", lambda told: False)
+    monkeypatch.setattr(hypothesis, "is_likelier", lambda told: False)
 
     def simulated(rms):
         named = dict(zip(("u", "ocv"), rms, strict=True))
         return SimpleNamespace(simulated={"validation": Agreement({}, named)})
 
     proof = SimpleNamespace(told=simulated(after), ahead=(), confirmed=None)
-    assert improving._helps(simulated(before), proof) == helps
+    assert hypothesis.helps(simulated(before), proof) == helps
