@@ -87,6 +87,7 @@ def test_a_frame_takes_a_fraction_of_its_time(answers):
     assert np.median([answer["seconds"] for answer in answers[5:]]) < SPEED
 
 
+@pytest.mark.slow
 def test_a_candidate_beside_the_model(project):
     """Errors of both are those of a comparison; the plot tells them apart."""
     later = LAG.replace("Lag", "Later").replace("k = 2", "k = 2.5")

@@ -157,6 +157,7 @@ def test_without_time_the_leaders_are_named_and_the_same_command_goes_on(cart, d
     assert diagnosis(daest, "rub.csv", *COULOMB)[0]["verdict"] == "supported"
 
 
+@pytest.mark.slow
 def test_the_null_and_the_screen_are_kept_too(cart, daest, monkeypatch, tmp_path):
     """An interrupted run fits the model as it is, and screens, once; what was kept changes no number."""
     (tmp_path / "cache").mkdir()

@@ -42,6 +42,7 @@ def told(capsys, code):
     assert "Traceback" not in text
 
 
+@pytest.mark.slow
 def test_identify_compare_and_noise(folder, capsys):
     arguments = ["identify", "run.csv", "--model", "ball.fmu", "--estimate", "d", "--hold", "foh"]
     assert run([*arguments, "--format", "json"]) == 0

@@ -21,6 +21,7 @@ def ladder(folder: Path) -> Path:
     return file
 
 
+@pytest.mark.slow
 def test_triplets_and_files(daest, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     dae = package.linearize(package.compile_model(ladder(tmp_path)))

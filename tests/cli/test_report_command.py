@@ -335,6 +335,7 @@ def test_diagnosis_and_ledger(told, daest):
     assert {"plot-screen", "plot-curve", "plot-curve-1", "plot-staircase-0"} <= plots
 
 
+@pytest.mark.slow
 def test_a_designed_experiment(told, daest):
     """Its input as a plot, what it promises beside what there is, and the safe range."""
     keep_only(told, "fit")

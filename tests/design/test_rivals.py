@@ -130,6 +130,7 @@ def test_the_best_input_is_found_and_safe_for_likely_parameters():
     assert "against" in found.message
 
 
+@pytest.mark.slow
 def test_a_pair_that_no_input_tells_apart_does_not_decide():
     """Friction with two roundings that hardly differ, and a load: the input is the best one for the load."""
     first = rival("CoulombFriction")

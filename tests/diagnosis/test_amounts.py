@@ -72,7 +72,7 @@ def check(found, name: str, expected: dict[str, float]) -> None:
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("machine", [of_tank, of_drug])
+@pytest.mark.parametrize("machine", [pytest.param(of_tank, marks=pytest.mark.slow), of_drug])
 def test_nothing_is_missing_where_nothing_is_hidden(machine, seed):
     assert machine(seed, lambda x, z: 0.0).verdict == "nothing missing"
 

@@ -52,6 +52,7 @@ def found_in(stand):
     return changing_value(stand, run_null(stand.null), law(stand), library())
 
 
+@pytest.mark.slow
 def test_a_damping_that_grows_is_told_by_its_name_and_its_share():
     found = found_in(stand_with(0.2, 0.0))
     assert found.name == "d"

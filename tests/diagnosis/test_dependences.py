@@ -73,6 +73,7 @@ def screened(stand):
     return dependence_screen(stand.null, run, dependences(stand.null, run, stand.declared, library()), seed=0)
 
 
+@pytest.mark.slow
 def test_the_dependence_that_is_there_leads_the_screen_and_none_does_beside_a_load():
     found = screened(stand_of(0.006))
     assert found.entries[0].candidate.label == "DependentParameter (p2) at R2"

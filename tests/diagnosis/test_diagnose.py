@@ -338,6 +338,7 @@ def test_unknown_effect_name_leaves_no_candidate():
     assert caught.value.code == "diagnose-no-candidate"
 
 
+@pytest.mark.slow
 def test_measured_column_that_pushes_is_found():
     record, _ = rotor_record(600, seed=19)
     wind = np.sin(0.7 * record.time) + 0.5 * np.sin(0.23 * record.time)

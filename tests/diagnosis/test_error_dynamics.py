@@ -154,6 +154,7 @@ def test_where_a_filtered_state_meets_a_singularity_errors_are_those_of_the_aver
     np.testing.assert_array_equal(found[1].transition, constant.transition)
 
 
+@pytest.mark.slow
 def test_observer_does_not_correct_where_a_sample_is_missing():
     along, _ = relative_errors(rubbing(0.3), slice(0, None, 3))
     assert along < 1e-3

@@ -152,6 +152,7 @@ def ball(n: int = 800) -> Experiment:
     return recorded(TICK, i, 1e3 * states[:, 0] + 0.01 * rng.normal(size=n), ("i", "gap"))
 
 
+@pytest.mark.slow
 def test_model_that_falls_into_a_singularity_is_led_by_the_record():
     """With a coefficient 5 % too large the ball is at the magnet before a tenth of the record has passed."""
     flat, record = compile_text(MAGNET.encode(), Path("Magnet.mo")), ball()
@@ -178,6 +179,7 @@ def test_sensor_of_a_ball_under_a_magnet_is_found_though_no_simulation_holds_it(
     assert b.std_error is not None and b.value == pytest.approx(0.4, abs=4 * b.std_error)
 
 
+@pytest.mark.slow
 def test_simulation_in_segments_leaves_nothing_to_loads_of_a_machine_held_upright():
     flat = compile_text(UPRIGHT.encode(), Path("Upright.mo"))
     null = begin(flat, *halved((record(),), ()), DiagnoseOptions(hold="zoh")).null

@@ -55,6 +55,7 @@ def test_an_inertia_that_was_looked_up_wrong_is_estimated():
     )
 
 
+@pytest.mark.slow
 def test_with_another_value_nothing_is_left_where_the_model_then_simulates_to_the_noise():
     """An activation temperature of a reactor that was 17 % off had been "something dynamic, and fast"."""
     stand = stand_with(1.5 * INERTIA, 0.0)
@@ -256,7 +257,9 @@ def test_a_value_is_an_answer_where_it_says_as_much_as_any_law_that_is_not_told_
     assert asked() is decided
 
 
-@pytest.mark.parametrize(("share", "is_told"), [(1.2, True), (1.0, False)])
+@pytest.mark.parametrize(
+    ("share", "is_told"), [pytest.param(1.2, True, marks=pytest.mark.slow), (1.0, False)]
+)
 def test_a_value_that_is_off_is_told_beside_the_law_whose_size_it_spoils(share, is_told):
     """The stiffness of leaves beside a mass given 12 % off was 12 standard errors off, without a word."""
     flat = model("SpeedRotor")

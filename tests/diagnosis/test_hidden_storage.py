@@ -122,6 +122,7 @@ def test_wall_behind_a_room(tmp_path) -> None:
         assert abs(own.value - true) < 4.0 * own.std_error
 
 
+@pytest.mark.slow
 def test_wall_between_a_room_and_the_weather(tmp_path) -> None:
     """The mass is a third of the resistance away from the room: no heat store at the room does the same."""
     C, R, inner, C_wall = 4e5, 0.02, 0.006, 6e5

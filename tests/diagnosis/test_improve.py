@@ -156,6 +156,7 @@ def test_round_without_anything_to_search_ends_with_the_last_one(rounds):
     assert result.last.verdict == "supported" and "No other effect" in result.reason
 
 
+@pytest.mark.slow
 def test_effect_that_a_later_one_makes_superfluous_is_taken_out(rounds):
     """Drag comes first and stands for the friction; beside the friction nothing of it is left."""
     drag = replace(proof_of("QuadraticDrag"), verdict="supported")

@@ -54,6 +54,7 @@ def found_load():
 refitted = cache(found_load)
 
 
+@pytest.mark.slow
 def test_refit_finds_the_true_curve_and_parameters():
     found = refitted()
     curve = found.curve

@@ -146,6 +146,7 @@ def test_hold_of_the_inputs_is_told_by_the_likelihood_with_loads():
     assert open_hold(clear, gain=1.1 * clear.hold_lead) == "foh" and open_hold(given, gain=1e9) is None
 
 
+@pytest.mark.slow
 def test_the_search_with_the_other_hold_begins_where_the_first_one_ended(monkeypatch):
     record, _ = rotor_record(1000, seed=4, load=(0.1, 1.0))
     places, plain, began = [s for s in sites(model()) if s.kind == "node"], nulls.identify, []
@@ -280,6 +281,7 @@ def test_error_of_the_model_as_it_is_is_that_of_a_comparison_with_its_refitted_v
     assert abs(alone.simulated["validation"].rms["phi"] / error - 1.0) > 0.01
 
 
+@pytest.mark.slow
 def test_input_whose_slope_the_model_needs_is_not_held():
     flat, rng = model("Shaken"), np.random.default_rng(6)
     time = 0.02 * np.arange(300)

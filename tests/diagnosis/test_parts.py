@@ -38,6 +38,7 @@ def test_friction_and_a_load_of_another_size_are_not_their_sum():
     assert values == pytest.approx([FRICTION, 0.05], abs=0.015)
 
 
+@pytest.mark.slow
 def test_friction_in_one_direction_stays_what_it_is():
     parts = parts_of(*one_sided(FRICTION), library())
     assert not parts.puts_aside and not parts.says_as_much and parts.more < 0.0

@@ -90,6 +90,7 @@ def proved_friction():
     return proof_in_open_loop(search, found, None)
 
 
+@pytest.mark.slow
 def test_pieces_do_not_drift():
     _, stand, _, pieces = case(1.5, 0.02)
     assert stand.reference.adds_up

@@ -1895,6 +1895,7 @@ def misread():
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_law_that_leaves_a_curve_which_would_say_all_is_refused(monkeypatch):
     stand, run, prepared, proof = misread()
     assert proof.delta_bic > 20.0, "Coulomb friction looks very likely"

@@ -31,6 +31,7 @@ def rubbing_record():
     return rotor_record(1200, seed=2, coulomb=lambda phi: 0.15)[0]
 
 
+@pytest.mark.slow
 def test_one_parameter_is_held_of_those_that_change_together():
     stand = begin(scale_free(), [rubbing_record()], [], DiagnoseOptions(hold="zoh"))
     assert [set(names) for names in stand.tied] == [{"J", "d", "k"}]

@@ -4,6 +4,7 @@ along, and from components, where no output sees it."""
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hidden_plants import model, rotor_record, some_effects
 
 from daest.diagnosis.null_model.null import fit_null
@@ -31,6 +32,7 @@ def null_of(name):
     return null, run_null(null)
 
 
+@pytest.mark.slow
 def test_responses_to_angles_are_the_same_in_equations_and_from_components():
     found = []
     for name in NAMES:

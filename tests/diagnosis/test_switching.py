@@ -83,6 +83,7 @@ def test_a_mode_that_never_occurs_and_the_loop_are_told(drive):
     assert "command" in loop and "closes the loop" in loop
 
 
+@pytest.mark.slow
 def test_models_are_compared_through_their_events(drive):
     """By the simulation without process noise, by the extended filter with it."""
     right, wrong = (Candidate(name, with_values(drive, {"d": d}), 0, "zoh") for name, d in

@@ -374,6 +374,7 @@ def test_output_that_shares_its_declaration_is_refused(tmp_path) -> None:
     assert "nor declared in a line of its own" in str(caught.value)
 
 
+@pytest.mark.slow
 def test_effects_in_two_steps_share_the_opened_equation(bare, tmp_path) -> None:
     steps = [
         ("Translational.CoulombFriction", "v", {}),

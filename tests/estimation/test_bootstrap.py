@@ -110,6 +110,7 @@ def test_process_noise_widens_the_interval_of_a_gain():
     assert std_error > 2.0 * regression_std(record, 0.01)
 
 
+@pytest.mark.slow
 def test_noise_that_lasts_widens_the_interval_as_it_does_the_standard_error():
     record = lag_record()
     rng = np.random.default_rng(5)

@@ -221,6 +221,7 @@ def test_segments_are_cut_where_predictors_lead_and_choose_the_hold():
     assert_found(fitted(PENDULUM, record, start), truth, start, 1e-3)
 
 
+@pytest.mark.slow
 def test_the_hold_is_asked_for_again_where_residuals_are_white():
     truth = {"C1": 600.0, "C2": 3000.0, "G": 8.0, "h": 1.5, "s": 0.2}
     start = {"C1": 200.0, "C2": 4000.0, "G": 20.0, "h": 0.8, "s": 0.4}

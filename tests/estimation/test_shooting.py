@@ -251,6 +251,7 @@ def unstable_fit():
     return experiment, fit_of(explicit, [experiment], profile=("a",), a=3.0, b=0.5)
 
 
+@pytest.mark.slow
 def test_other_holds_of_an_unstable_model_are_searched_from_the_given_values_too(monkeypatch):
     """The wrong hold may end far away from them: a balanced arm was a hundred times as heavy, for good."""
     explicit, experiment = unstable_record()
