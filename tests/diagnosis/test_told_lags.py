@@ -1,6 +1,6 @@
 """Lags that are short beside the model: named where the recordings tell their form."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -8,9 +8,15 @@ import pytest
 from test_load_starts import _diagnosed, _warmed
 
 from daest.diagnosis.built_in.dead_times import DELAY
-from daest.diagnosis.built_in.late_signals import LAG
+from daest.diagnosis.built_in.late_signals import LAG, SECOND_ORDER
 from daest.diagnosis.evidence.reasons import in_place_of_a_parameter, other_dynamics
-from daest.diagnosis.refits.rivals import shortest_lag, told_apart, with_likelier_lags
+from daest.diagnosis.refits.rivals import (
+    shortest_of,
+    told_apart,
+    told_as_second_order,
+    told_from_second_order,
+    with_likelier_lags,
+)
 
 
 @pytest.mark.slow  # the rule: the tests below
@@ -65,25 +71,62 @@ class Refused:
 )
 def test_the_likeliest_of_short_lags_is_asked_for(others, is_asked):
     lag = Refused(LAG, "y", 100.0)
-    assert (shortest_lag([*others, lag]) is lag) == is_asked
+    assert (shortest_of(LAG, [*others, lag]) is lag) == is_asked
 
 
 def test_a_lag_that_the_sensors_see_alike_is_no_other_one():
     """A thermometer that is late behind a heater, and the command of the heater that is."""
     lag = Refused(LAG, "y", 100.0)
-    assert shortest_lag([Refused(LAG, "u", 99.9, equivalent=("y",)), lag]) is lag
+    assert shortest_of(LAG, [Refused(LAG, "u", 99.9, equivalent=("y",)), lag]) is lag
     alike = Refused(LAG, "y", 100.0, equivalent=("u",))
-    assert shortest_lag([Refused(LAG, "u", 99.9), alike]) is alike
-    assert shortest_lag([Refused(LAG, "z", 99.9), lag]) is None
+    assert shortest_of(LAG, [Refused(LAG, "u", 99.9), alike]) is alike
+    assert shortest_of(LAG, [Refused(LAG, "z", 99.9), lag]) is None
 
 
 @pytest.mark.parametrize(("dead_times", "is_told"), [((40.0, -3.0), True), ((60.0,), False), ((), False)])
 def test_a_lag_is_told_where_dead_times_are_far_from_it(dead_times, is_told):
     lag = Refused(LAG, "y", 100.0)
-    found = told_apart(lag, [Refused(DELAY, "y", gain) for gain in dead_times])
+    found = told_apart(lag, [Refused(DELAY, "y", gain) for gain in dead_times], 50.0)
     assert (found.verdict, found.reason == "", found.is_any_dynamics) == (
         ("supported", True, False) if is_told else ("rejected", False, True)
     )
+
+
+@pytest.mark.parametrize(
+    ("second", "lag", "is_told"),
+    [
+        (60.0, 20.0, True),
+        (60.0, None, True),  # no lag there paid for a refit
+        (85.0, 20.0, False),  # a flexible part is nearly as likely
+        (60.0, 55.0, False),
+        (30.0, 40.0, False),  # the search of the second order has lost its way
+        (None, 20.0, False),
+    ],
+)
+def test_a_dead_time_is_told_where_lags_of_both_orders_are_far_from_it(second, lag, is_told):
+    late = Refused(DELAY, "u", 100.0)
+    seconds = [] if second is None else [Refused(SECOND_ORDER, "u", second)]
+    others = [late] if lag is None else [late, Refused(LAG, "u", lag)]
+    found = told_from_second_order(late, seconds, others)
+    assert (found.verdict == "supported") == is_told and (found is late) == (not is_told)
+
+
+def test_a_lag_and_a_dead_time_that_is_long_stay_what_they_are_beside_the_second_order():
+    lag, long = Refused(LAG, "u", 100.0), Refused(DELAY, "u", 100.0, is_any_dynamics=False)
+    second = [Refused(SECOND_ORDER, "u", 10.0)]
+    assert told_from_second_order(lag, second, [lag]) is lag
+    assert told_from_second_order(long, second, [long]) is long
+
+
+@pytest.mark.parametrize(
+    ("lag", "dead_time", "is_told"), [(40.0, 45.0, True), (60.0, 40.0, False), (40.0, None, False)]
+)
+def test_second_order_is_told_where_a_lag_and_a_dead_time_are_far_from_it(lag, dead_time, is_told):
+    second = Refused(SECOND_ORDER, "u", 100.0)
+    others = [Refused(LAG, "u", lag)] + ([] if dead_time is None else [Refused(DELAY, "u", dead_time)])
+    assert (told_as_second_order(second, others).verdict == "supported") == is_told
+    long = replace(second, is_any_dynamics=False)
+    assert told_as_second_order(long, others) is long
 
 
 @pytest.mark.parametrize(

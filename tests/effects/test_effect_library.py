@@ -72,7 +72,7 @@ EXPECTED = {
     "Signals": frozenset(
         [
             *("DeadZone", "Saturation", "OneSidedLimit", "Offset", "Gain", "QuadraticGain", "Lag", "Delay"),
-            *("AbsoluteValueSensor", "Drift", "Play", "Crosstalk", "RateLimit"),
+            *("AbsoluteValueSensor", "Drift", "Play", "Crosstalk", "RateLimit", "SecondOrderLag"),
         ]
     ),
     "General": frozenset(
@@ -170,13 +170,19 @@ def test_states_and_dynamics() -> None:
         "Thermal.ExtraHeatCapacity": 1,
         "Hydraulic.HiddenVessel": 1,
     }
-    expected |= {"Thermal.WallCapacity": 1, "Signals.Play": 1, "Signals.RateLimit": 1}
+    expected |= {
+        "Thermal.WallCapacity": 1,
+        "Signals.Play": 1,
+        "Signals.RateLimit": 1,
+        "Signals.SecondOrderLag": 2,
+    }
+    assert {effect.name for effect in EFFECTS if effect.is_rival} == {"SecondOrderLag"}
     expected |= {"Amounts.HiddenStore": 1, "Hydraulic.HiddenVessel": 1}
     assert states == expected
     dynamic = {effect.name for effect in EFFECTS if effect.is_dynamic}
     assert dynamic == {
         *("ExtraInertia", "ExtraMass", "ExtraCompliance", "Inductance", "SaturatingInductance"),
-        *("Lag", "Delay", "GrowingCapacity", "WideningTank", "FluidInertia"),
+        *("Lag", "Delay", "SecondOrderLag", "GrowingCapacity", "WideningTank", "FluidInertia"),
     }
     assert {effect.name for effect in EFFECTS if effect.is_of_store} == {"GrowingCapacity", "WideningTank"}
 

@@ -232,7 +232,14 @@ def test_all_effects_with_an_explicit_law_are_covered() -> None:
     others = {e.name for e in effect_library() if e.class_name not in covered}
     assert others == {
         *("Backlash", "LoadDependentFriction", "ExtraInertia", "ExtraMass", "ExtraCompliance"),
-        *("DriftingParameter", "DependentParameter", "ExponentialParameter", "Lag", "Delay"),
+        *(
+            "DriftingParameter",
+            "DependentParameter",
+            "ExponentialParameter",
+            "Lag",
+            "Delay",
+            "SecondOrderLag",
+        ),
     }
 
 

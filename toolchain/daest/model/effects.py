@@ -105,7 +105,8 @@ class Effect:
     `most_turns`: of a body that it may hold; no spring is wound by one that turns on and on. None where it
     acts at any angle. `is_of_driving`: its further signal is an input that drives the model, and no recorded
     signal that does nothing there. `is_of_gas`: it is tried where what flows may be a gas. `is_of_equation`:
-    it is tried at bare equations alone, since between components another effect says the same.
+    it is tried at bare equations alone, since between components another effect says the same. `is_rival`:
+    others are told from it, and it is tried for itself only where it is named.
     """
 
     name: str
@@ -130,6 +131,7 @@ class Effect:
     is_of_driving: bool = False
     is_of_gas: bool = False
     is_of_equation: bool = False
+    is_rival: bool = False
     documentation: str = ""
     libraries: tuple[str, ...] = ()  # folders besides the bundled library that the class was read from
 

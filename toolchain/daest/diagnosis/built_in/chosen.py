@@ -63,7 +63,8 @@ def chosen_candidates(
         and not (c.site.kind == "input" and c.site.name in two and bends(c))
         and not (c.site.name in temperatures and _adds_temperature(c, experiments))
         and (
-            not options.effects or c.effect.name in options.effects or c.effect.class_name in options.effects
+            {c.effect.name, c.effect.class_name} & set(options.effects)
+            or not (options.effects or c.effect.is_rival)
         )
         and (not options.places or {c.site.name, *c.site.aliases} & set(options.places))
     )

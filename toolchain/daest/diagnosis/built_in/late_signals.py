@@ -37,6 +37,7 @@ from daest.numerics.recursions import varying_recursion
 from daest.systems.simulation.integrate import interval_inputs
 
 LAG = "Daest.Effects.Signals.Lag"
+SECOND_ORDER = "Daest.Effects.Signals.SecondOrderLag"
 TIMES = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # sampling periods by which a signal is taken to be late
 HAIR = 1e-9  # of an interval
 MOST_LATE = 2  # trials of one kind go to the proof

@@ -11,7 +11,7 @@ from math import inf
 from daest.diagnosis.answers.decided import Evidence
 from daest.diagnosis.answers.unexplained import Loads
 from daest.diagnosis.built_in.dead_times import DELAY
-from daest.diagnosis.built_in.late_signals import LAG, late_signals
+from daest.diagnosis.built_in.late_signals import LAG, SECOND_ORDER, is_late, late_signals
 from daest.diagnosis.built_in.slow_loads import said_by_loads
 from daest.diagnosis.built_in.trials import Prepared, Trial, clipping_trials, n_seats, trials
 from daest.diagnosis.evidence.law_values import errors_last, leaves_load_and_errors
@@ -56,13 +56,16 @@ from daest.diagnosis.refits.rivals import (
     reduced_laws,
     richer_laws,
     rounded,
-    shortest_lag,
+    second_order_for,
+    shortest_of,
     signal_laws,
     simpler_laws,
     simplest_first,
     straight_laws,
     told_apart,
+    told_as_second_order,
     told_from_places,
+    told_from_second_order,
     with_held_shapes,
     with_likelier_lags,
 )
@@ -126,6 +129,7 @@ class Course:
         proofs = self._with_late_signals_begun_anew(stages, proofs)
         proofs = self._with_lag_told_apart(stages, proofs)
         proofs = self._with_dead_time_for_lag(stages, proofs)
+        proofs = self._with_second_order(stages, proofs)
         proofs = self._with_dependences(stages, proofs)
         proofs = stages.shown_in_use(proofs)
         proofs = self._with_leaders_in_use(stages, proofs)
@@ -310,13 +314,14 @@ class Course:
         """All laws; a lag that is short beside the model is one all the same where the recordings tell its
         form: a dead time at its signal is far less likely. To second order in frequency a lag is
         1/(1 + s T + b s² T²) with b = 0, a dead time with b = 1/2, a flexible part with more than 1/4."""
-        lag = shortest_lag(proofs)
+        lag = shortest_of(LAG, proofs)
         if lag is None or best_accepted(ranked(proofs)) is not None or self.options.is_over:
             return proofs
         late = self._dead_times_for(lag)
         untried = _untried(late, [proof.candidate for proof in proofs])
         every = [*proofs, *stages.proved(stages.prepared(untried), ())[0]]
-        told = told_apart(lag, [p for p in every if any(is_same(one, p.candidate) for one in late)])
+        dead_times = [p for p in every if any(is_same(one, p.candidate) for one in late)]
+        told = told_apart(lag, dead_times, GATES.min_told_lag)
         return [told if p is lag else p for p in every]
 
     def _with_dead_time_for_lag(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
@@ -327,6 +332,25 @@ class Course:
             return proofs
         untried = _untried(self._dead_times_for(best), [proof.candidate for proof in proofs])
         return [*proofs, *stages.proved(stages.prepared(untried), proofs)[0]]
+
+    def _with_second_order(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
+        """All laws, with the lag of second order at the signal of the accepted lag or dead time, or of the
+        likeliest one that is short beside the model. A short dead time is accepted where lags of both orders,
+        and so a flexible part, are far less likely; that of second order where both others are."""
+        best = best_accepted(ranked(proofs))
+        late = best or shortest_of(LAG, proofs) or shortest_of(DELAY, proofs)
+        named = set(self.options.effects)
+        is_asked = not named or bool({SECOND_ORDER, SECOND_ORDER.rpartition(".")[2]} & named)
+        if late is None or not is_late(late.candidate) or not is_asked or self.options.is_over:
+            return proofs
+        begun = second_order_for(self.stand.null, late)
+        rivals = [] if begun is None else stages.proved([begun], ())[0]
+        others = [p for p in proofs if is_late(p.candidate) and p.places & late.places]
+        told = told_from_second_order(late, rivals, others)
+        return [
+            *(told if p is late else p for p in proofs),
+            *(told_as_second_order(p, others) for p in rivals),
+        ]
 
     def _with_dependences(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
         """All laws, with the parameters that change with a variable and lead the screen of these, where no

@@ -13,8 +13,8 @@ from itertools import chain
 import casadi as ca
 import numpy as np
 
-from daest.diagnosis.built_in.late_signals import LAG, MOST_LATE, is_late
-from daest.diagnosis.built_in.trials import SHARPER, Prepared, Trial, trials, with_kinks_bounded
+from daest.diagnosis.built_in.late_signals import LAG, MOST_LATE, SECOND_ORDER, is_late
+from daest.diagnosis.built_in.trials import SHARPER, Prepared, Trial, prepare, trials, with_kinks_bounded
 from daest.diagnosis.evidence.law_values import errors_last
 from daest.diagnosis.evidence.proof import bic_gain
 from daest.diagnosis.evidence.ranking import most_likely
@@ -24,7 +24,7 @@ from daest.diagnosis.evidence.same_laws import is_linear_law
 from daest.diagnosis.gates import GATES
 from daest.diagnosis.null_model.null import Null
 from daest.diagnosis.null_model.null_observer import RTOL, NullObserver
-from daest.diagnosis.screening.candidates import with_shapes
+from daest.diagnosis.screening.candidates import pairs, with_shapes
 from daest.errors import DaestError
 from daest.estimation.fitting.coordinates import Unknowns
 from daest.estimation.nonlinear.trajectories import TrajectoryProblem, prediction_errors
@@ -33,6 +33,7 @@ from daest.model.effects import Effect
 from daest.model.fit import FittedParameter
 from daest.model.flat import with_equations
 from daest.modelica.effects.attach import attach
+from daest.modelica.effects.catalogue import find_effect
 from daest.systems.reduction.reduce import reduce_index
 from daest.systems.simulation.integrate import integrator
 
@@ -223,12 +224,13 @@ def richer_laws(
     return tuple(prepared for _, prepared in order[:MOST_RICHER])
 
 
-def shortest_lag(proofs: Sequence[Proof]) -> Proof | None:
-    """The lag that is refused for nothing but that it is short beside the model, where it is the likeliest of
-    all such but those at places that the sensors see alike, which are the same; None where there is none."""
+def shortest_of(class_name: str, proofs: Sequence[Proof]) -> Proof | None:
+    """The lag, or dead time, that is refused for nothing but that it is short beside the model, where it is
+    the likeliest of all such but those at places that the sensors see alike, which are the same; None where
+    there is none."""
     short = [p for p in proofs if p.is_any_dynamics]
     best = max(short, key=lambda p: p.delta_bic, default=None)
-    if best is None or best.candidate.effect.class_name != LAG:
+    if best is None or best.candidate.effect.class_name != class_name:
         return None
     others = [p.delta_bic for p in short if p is not best and not p.places & best.places]
     return best if best.delta_bic >= max(others, default=0.0) + GATES.min_bic_gain else None
@@ -277,13 +279,46 @@ def straight_laws(candidates: Sequence[Candidate], proofs: Sequence[Proof]) -> l
     ]
 
 
-def told_apart(lag: Proof, dead_times: Sequence[Proof]) -> Proof:
-    """The `lag`, accepted where the likeliest of the `dead_times` at its signal is far from it; as it is
-    where none could be refitted."""
-    likeliest = max((p.fit.log_likelihood for p in dead_times), default=np.inf)
-    if lag.fit.log_likelihood - likeliest < GATES.min_told_lag:
-        return lag
-    return replace(lag, verdict="supported", reason="", is_any_dynamics=False)
+def told_apart(late: Proof, others: Sequence[Proof], least: float) -> Proof:
+    """The lag or dead time `late`, accepted where the likeliest of `others` at its signal is behind it by at
+    `least` so much in log-likelihood; as it is where none could be refitted."""
+    behind = [late.fit.log_likelihood - p.fit.log_likelihood for p in others]
+    if not behind or min(behind) < least:
+        return late
+    return replace(late, verdict="supported", reason="", is_any_dynamics=False)
+
+
+def second_order_for(null: Null, late: Proof) -> Prepared | None:
+    """A lag of second order at the signal of a dead time, to start from where that has ended: it is as late,
+    and as late to second order in frequency."""
+    law = next(iter(pairs([find_effect(SECOND_ORDER)], [late.candidate.site])), None)
+    if law is None:
+        return None
+    prepared = prepare(null.flat, null.estimated, Trial(law, late.sizes, ()))
+    flat = prepared.flat.with_theta({n: late.fit.theta[n] for n in null.estimated})
+    return replace(prepared, flat=flat)
+
+
+def told_from_second_order(late: Proof, seconds: Sequence[Proof], others: Sequence[Proof]) -> Proof:
+    """The lag or dead time `late` beside lags of second order at its signal. A dead time that is refused for
+    being short is accepted where they, and the lags among the `others` there, are far less likely; not where
+    the search of that of second order has ended behind the first order, which is one of them."""
+    lags = [p for p in others if p.candidate.effect.class_name == LAG]
+    if late in lags or not late.is_any_dynamics or not seconds:
+        return late
+    best = max(p.fit.log_likelihood for p in seconds)
+    if any(p.fit.log_likelihood > best for p in lags):
+        return late
+    is_told = not lags or told_apart(late, lags, GATES.min_told_lag) is not late
+    return told_apart(late, seconds, GATES.min_told_dead_time) if is_told else late
+
+
+def told_as_second_order(second: Proof, others: Sequence[Proof]) -> Proof:
+    """The lag of second order, which is refused for nothing but being short: accepted where the lag and the
+    dead time at its signal are among the `others` and far less likely. Any fast dynamics are one of these, to
+    second order in frequency."""
+    are_both = len({p.candidate.effect.class_name for p in others}) > 1
+    return told_apart(second, others, GATES.min_told_lag) if are_both and second.is_any_dynamics else second
 
 
 def with_likelier_lags(proofs: Sequence[Proof]) -> list[Proof]:

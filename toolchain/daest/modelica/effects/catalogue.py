@@ -63,6 +63,7 @@ _KEYS = (
     "driving",
     "of_gas",
     "of_equation",
+    "rival",
 )
 _DOCUMENTATION = re.compile(r'Documentation\s*\(\s*info\s*=\s*"((?:[^"\\]|\\.)*)"', re.DOTALL)
 _TAG = re.compile(r"<[^>]*>")
@@ -574,6 +575,7 @@ def _entry(i: int, source: _Source, parts: Mapping[str, EffectModel], libraries:
         is_of_driving=source.annotation.flag("driving", False),
         is_of_gas=source.annotation.flag("of_gas", False),
         is_of_equation=source.annotation.flag("of_equation", False),
+        is_rival=source.annotation.flag("rival", False),
         documentation=source.documentation,
         libraries=libraries,
     )
