@@ -205,7 +205,7 @@ PLANTS = {
 }  # fmt: skip
 FAULT_NAMES = {  # a name for a fault that is there is no wrong name
     "lag": ("Lag", "Delay"),
-    "flexible": ("Lag", "Delay", "ExtraCompliance"),
+    "flexible": ("Lag", "Delay", "SecondOrderLag", "ExtraCompliance"),
     "gain": ("Gain",),
     "drift": ("Drift", "DriftingParameter"),
 }

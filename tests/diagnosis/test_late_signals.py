@@ -139,10 +139,14 @@ def test_late_heater_and_the_wall_are_found_beside_each_other():
     flat = compile_text(ROOM, Path("Room.mo"))
     found = diagnose(flat, effect_library(), [record], [unseen], DiagnoseOptions(hold="zoh"))
     accepted = {p.candidate.label: p for p in found.proofs if p.verdict == "supported"}
-    assert set(accepted) == {"Lag at P", "ExtraHeatCapacity at 0:T"}, found.message
-    found_at = {p.name: p for p in accepted["Lag at P"].told.parameters}
-    lag = found_at[f"{accepted['Lag at P'].candidate.name}.T"]
-    wall = found_at[f"{accepted['ExtraHeatCapacity at 0:T'].candidate.name}.G"]
+    late = accepted.pop("Lag at P", None)
+    assert late is not None and len(accepted) == 1, found.message
+    (store,) = accepted.values()
+    found_at = {p.name: p for p in late.told.parameters}
+    lag, wall = found_at[f"{late.candidate.name}.T"], found_at[f"{store.candidate.name}.G"]
+    # A wall that touches the weather by a share is one that does not, where that is nothing.
+    share = found_at.get(f"{store.candidate.name}.share")
+    assert store.candidate.effect.name == "ExtraHeatCapacity" or share.value < 3 * share.std_error
     assert abs(lag.value - 700.0) < 3 * lag.std_error < 5.0
     assert abs(wall.value - 150.0) < 3 * wall.std_error < 1.0
 

@@ -62,7 +62,10 @@ def test_a_limit_of_the_rate_is_found_with_its_size(tmp_path) -> None:
 @pytest.mark.slow
 def test_a_lag_is_no_limit_of_the_rate(tmp_path) -> None:
     found = diagnosed(tmp_path, recorded(late, 0.15, 2))
-    assert found.message.startswith("Something dynamic is missing, and it is fast: any of Lag")
+    best = found.proofs[0]
+    assert (found.verdict, best.candidate.effect.name) == ("supported", "Lag"), found.message
+    own = next(p for p in best.told.parameters if p.name == f"{best.candidate.name}.T")
+    assert abs(own.value - 0.15) < 4.0 * own.std_error < 0.01
     limit = next(p for p in found.proofs if p.candidate.effect.name == "RateLimit")
     assert limit.verdict == "rejected"
 
