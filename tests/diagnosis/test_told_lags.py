@@ -9,8 +9,9 @@ from test_load_starts import _diagnosed, _warmed
 
 from daest.diagnosis.built_in.dead_times import DELAY
 from daest.diagnosis.built_in.late_signals import LAG, SECOND_ORDER
-from daest.diagnosis.evidence.reasons import in_place_of_a_parameter, other_dynamics
+from daest.diagnosis.evidence.reasons import RATE_LIMIT, in_place_of_a_parameter, other_dynamics
 from daest.diagnosis.refits.rivals import (
+    leading_late,
     shortest_of,
     told_apart,
     told_as_second_order,
@@ -90,6 +91,18 @@ def test_a_lag_is_told_where_dead_times_are_far_from_it(dead_times, is_told):
     assert (found.verdict, found.reason == "", found.is_any_dynamics) == (
         ("supported", True, False) if is_told else ("rejected", False, True)
     )
+
+
+def test_second_order_is_asked_beside_the_law_that_leads():
+    """A constant torque behind a flexible part had been a limit of the rate of the input."""
+    lag, dead_time, other = Refused(LAG, "u", 50.0), Refused(DELAY, "u", 60.0), Refused(LAG, "y", 90.0)
+    limit = Refused(RATE_LIMIT, "u", 99.0, is_any_dynamics=False)
+    assert leading_late(limit, [limit, lag, dead_time, other]) is dead_time
+    assert leading_late(limit, [limit, other]) is None
+    assert leading_late(lag, [lag, other]) is lag
+    assert leading_late(Refused("Friction", "u", 99.0), [lag]) is None
+    assert leading_late(None, [lag, dead_time]) is dead_time
+    assert leading_late(None, [replace(lag, is_any_dynamics=False)]) is None
 
 
 @pytest.mark.parametrize(

@@ -48,6 +48,7 @@ from daest.diagnosis.refits.rivals import (
     from_other_sizes,
     kinked_elsewhere,
     laws_at_its_place,
+    leading_late,
     no_richer_ones,
     not_begun_by,
     other_bends,
@@ -334,14 +335,13 @@ class Course:
         return [*proofs, *stages.proved(stages.prepared(untried), proofs)[0]]
 
     def _with_second_order(self, stages: Stages, proofs: list[Proof]) -> list[Proof]:
-        """All laws, with the lag of second order at the signal of the accepted lag or dead time, or of the
-        likeliest one that is short beside the model. A short dead time is accepted where lags of both orders,
-        and so a flexible part, are far less likely; that of second order where both others are."""
-        best = best_accepted(ranked(proofs))
-        late = best or shortest_of(LAG, proofs) or shortest_of(DELAY, proofs)
+        """All laws, with the lag of second order at the signal of the lag or dead time that leads. A short
+        dead time is accepted where lags of both orders, and so a flexible part, are far less likely; that of
+        second order where both others are."""
+        late = leading_late(best_accepted(ranked(proofs)), proofs)
         named = set(self.options.effects)
         is_asked = not named or bool({SECOND_ORDER, SECOND_ORDER.rpartition(".")[2]} & named)
-        if late is None or not is_late(late.candidate) or not is_asked or self.options.is_over:
+        if late is None or not is_asked or self.options.is_over:
             return proofs
         begun = second_order_for(self.stand.null, late)
         rivals = [] if begun is None else stages.proved([begun], ())[0]

@@ -13,12 +13,13 @@ from itertools import chain
 import casadi as ca
 import numpy as np
 
+from daest.diagnosis.built_in.dead_times import DELAY
 from daest.diagnosis.built_in.late_signals import LAG, MOST_LATE, SECOND_ORDER, is_late
 from daest.diagnosis.built_in.trials import SHARPER, Prepared, Trial, prepare, trials, with_kinks_bounded
 from daest.diagnosis.evidence.law_values import errors_last
 from daest.diagnosis.evidence.proof import bic_gain
 from daest.diagnosis.evidence.ranking import most_likely
-from daest.diagnosis.evidence.reasons import NO_BEND, STRAIGHT, TURNS_BACK, unseen_scales
+from daest.diagnosis.evidence.reasons import NO_BEND, RATE_LIMIT, STRAIGHT, TURNS_BACK, unseen_scales
 from daest.diagnosis.evidence.rival_laws import may_be_of_the_kink
 from daest.diagnosis.evidence.same_laws import is_linear_law
 from daest.diagnosis.gates import GATES
@@ -286,6 +287,17 @@ def told_apart(late: Proof, others: Sequence[Proof], least: float) -> Proof:
     if not behind or min(behind) < least:
         return late
     return replace(late, verdict="supported", reason="", is_any_dynamics=False)
+
+
+def leading_late(best: Proof | None, proofs: Sequence[Proof]) -> Proof | None:
+    """The lag or dead time that leads all laws: the `best` accepted one; the likeliest at the signal of a
+    limit of the rate, which is much like them, where that is the best; where nothing is accepted, the
+    likeliest that is short beside the model. None where another law leads."""
+    if best is None:
+        return shortest_of(LAG, proofs) or shortest_of(DELAY, proofs)
+    if best.candidate.effect.class_name == RATE_LIMIT:
+        return most_likely([p for p in proofs if is_late(p.candidate) and p.places & best.places])
+    return best if is_late(best.candidate) else None
 
 
 def second_order_for(null: Null, late: Proof) -> Prepared | None:
