@@ -26,6 +26,7 @@ from daest.modelica.forms.excerpt import adapted_text, excerpt, may_extend, with
 from daest.modelica.forms.modifications import check_modifications
 from daest.modelica.forms.operator_names import check_operator_names
 from daest.modelica.forms.outer_variables import without_outer_variables
+from daest.modelica.forms.package_aliases import with_imported_packages
 from daest.modelica.forms.redeclarations import (
     with_default_packages,
     with_redeclared_components,
@@ -101,7 +102,7 @@ def with_own_forms(text: bytes, path: Path, name: str) -> bytes:
     """The text with what its own classes alone decide as the compiler takes it; `name` is the class that is
     compiled. Raises ModelError for what the compiler would lose."""
     check_operator_names(text, path)
-    text = with_integer_constants(text, _own_classes(text))
+    text = with_integer_constants(with_imported_packages(text), _own_classes(text))
     text = _with_constraints(without_broken(text, path, name), path)
     return with_named_classes(text, path, name)
 
