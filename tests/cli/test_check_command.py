@@ -207,3 +207,18 @@ end Free;
 def test_a_result_is_no_picture(folder, daest):
     code, _, err = daest("check", "run1.csv", "-o", "found.png")
     assert code == 2 and "plot-format" in err and "--plot" in err and not (folder / "found.png").exists()
+
+
+def test_without_a_model_the_time_is_what_its_dates_its_name_or_its_unit_tell(folder, daest):
+    rows = range(20)
+    for header, value, is_told in (
+        ("Zeitstempel", lambda i: f"21.11.2026 08:{i:02d}:00", True),
+        ("t [min]", lambda i: f"{i}", True),
+        ("Dauer (min)", lambda i: f"{i}", True),
+        ("level", lambda i: f"{60 * i}", False),
+    ):
+        lines = [f"{header},u,T", *(f"{value(i)},{i % 3},{20 + 5 * i % 7 + i}" for i in rows)]
+        (folder / "log.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        code, out, err = daest("check", "log.csv")
+        assert (code == 0 and "20 samples every 60 s" in out) == is_told, (header, out, err)
+        assert ("data-no-time" in err) != is_told

@@ -67,6 +67,7 @@ def test_dates_are_the_time_beside_what_increases_too():
     stamps = [f"21.11.2026 08:15:0{second}" for second in range(3)]
     dates = Column("Datum Uhrzeit", None, np.full(3, np.nan), texts=tuple(enumerate(stamps)))
     recording = Table("run.csv", (dates, Column("energy", "J", NUMBERS)), None)
+    assert propose_time(Table("run.csv", (dates, Column("T", "degC", NUMBERS)), None)) == "Datum Uhrzeit"
     assert propose_time(recording) == "Datum Uhrzeit"
 
 

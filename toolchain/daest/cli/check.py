@@ -119,7 +119,7 @@ def _compared(
     """As `checked`, and the recording as the model takes it; None where it cannot, or without a model."""
     from daest.cli.recordings import signals
     from daest.data.check import check_table
-    from daest.data.match import clock_findings, unitless_findings
+    from daest.data.match import clock_findings, told_time, unitless_findings
     from daest.data.read import counted_in, read_table, with_units, within
     from daest.modelica.flat.clock import model_clock
 
@@ -128,7 +128,7 @@ def _compared(
     as_told = with_units(read_table(path), project.units)
     table = within(counted_in(clock, as_told, project.time), window.start, window.stop, project.time)
     if flat is None:
-        return check_table(table, {}, project.time), None
+        return check_table(table, {}, project.time or told_time(table)), None
     inputs, outputs = signals(flat, project)
     roles: dict[str, Role] = dict.fromkeys((signal.header for signal in inputs), "input")
     roles.update(dict.fromkeys((signal.header for signal in outputs), "output"))

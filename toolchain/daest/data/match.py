@@ -56,16 +56,27 @@ def propose_time(table: Table) -> str | None:
     """A column for the time where none is called so: the one with a usual name, else the one of dates, else
     the only one whose header has a unit of time and that never falls, else the only one that increases
     throughout. None where there is a time, or nothing to choose."""
+    return _proposed(table, by_values=True)
+
+
+def told_time(table: Table) -> str | None:
+    """As `propose_time`, but for a column that nothing but its values tell: what fills increases, too."""
+    return _proposed(table, by_values=False)
+
+
+def _proposed(table: Table, by_values: bool) -> str | None:
     if any(time_unit(column) is not None for column in table.columns):
         return None
     rising = [
         c for c in map(with_seconds, table.columns) if c.values.size > 1 and np.all(np.diff(c.values) > 0)
     ]
-    named = [c for c in rising if is_called_time(c.name)]
     of_text = {column.name for column in table.columns if column.texts}
     dated = [c for c in rising if c.name in of_text]
+    # Beside dates a T that rises is a temperature.
+    named = [c for c in rising if is_called_time(c.name) and not (dated and c.name == "T")]
     counting = [c for c in table.columns if counts_time(c)]
-    chosen = named or dated or [c for c in rising if counts_time(c)] or counting or rising
+    last = rising if by_values else []
+    chosen = named or dated or [c for c in rising if counts_time(c)] or counting or last
     return chosen[0].name if len(chosen) == 1 else None
 
 
