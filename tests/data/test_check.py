@@ -306,6 +306,21 @@ def test_a_limited_command_and_a_held_input_are_no_faults():
     assert [f.code for f in notes] == ["check-saturation"] * 2 and {f.level for f in notes} == {"note"}
 
 
+@pytest.mark.parametrize(
+    ("first", "input_at_first", "is_told"),
+    [(0.0, 0.0, True), (0.0, 1.0, False), (46.5, 0.0, False)],
+)
+def test_a_zero_before_the_first_reading_is_told(first, input_at_first, is_told):
+    """A cooker logs 0 degC before its sensor answers; a quick machine may begin at rest and be driven."""
+    time = np.arange(400.0)
+    temp = np.round(40.0 + 7.25 * np.exp(-time / 150.0), 2)
+    temp[0] = first
+    duty = np.where(time > 200, 0.1 * np.sin(time / 9.0), input_at_first)
+    record = Experiment("run", time, duty[:, None], temp[:, None], ("duty",), ("temp",))
+    texts = [f.text for f in check_experiment(record).findings if f.code == "check-outliers"]
+    assert any("no reading yet" in text for text in texts) is is_told, texts
+
+
 @pytest.mark.parametrize(("of_model", "unit"), [("degC", None), ("m", "in"), (None, "in")])
 def test_an_ending_of_a_name_is_no_unit_where_the_model_has_another_quantity(of_model, unit):
     time = PERIOD * np.arange(N)

@@ -111,6 +111,19 @@ def test_how_a_file_was_read_is_said(tmp_path):
     assert "decimal comma" in notes and "1 line(s) above the header" in notes and "row below" in notes
 
 
+@pytest.mark.parametrize("end", [",", ", ", ""])
+@pytest.mark.parametrize("names", [",CH1,CH2", "x-axis,1,2", "time,CH1,CH2"])
+def test_an_oscilloscope_names_its_channels_above_their_units(tmp_path, names, end):
+    """Only rows of numbers end with a separator, and the first column has a unit of time for a name."""
+    path = tmp_path / "scope.csv"
+    numbers = [f"{k * 1e-3:.5e},{k % 2:.2e},{-k:.2e}{end}" for k in range(-3, 9)]
+    path.write_text("\n".join([names, "Second,Volt,Volt", *numbers]) + "\n")
+    table = read_table(path)
+    assert [c.name for c in table.columns] == [names.split(",")[0] or "time", *names.split(",")[1:]]
+    assert [c.unit for c in table.columns] == ["Second", "Volt", "Volt"]
+    assert [len(c.values) for c in table.columns] == [12, 12, 12] and table.columns[0].values[0] == -3e-3
+
+
 def test_missing_values_have_several_spellings(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("time,u,phi\n0,1,NaN\n1,1,NA\n2,1,\n3,1,null\n4,1,2\n")

@@ -270,6 +270,13 @@ def test_most_words_of_a_description_decide_and_words_of_a_name_count():
     ]
 
 
+def test_a_description_that_names_a_channel_decides():
+    signals = [Signal("r", "V"), Signal("y", "V")]
+    described = {"r": "Set point, CH1", "y": "Tachometer (ch2)"}
+    found = [match.column for match in match_columns(signals, table("time", "CH1", "CH2", "CH12"), described)]
+    assert found == ["CH1", "CH2"]
+
+
 @pytest.mark.parametrize(
     ("columns", "expected"),
     [

@@ -17,6 +17,7 @@ from daest.data.faults import (
     displaced,
     equal_runs,
     excursions,
+    no_reading_yet,
     pair_findings,
 )
 from daest.data.interpolated import interpolated
@@ -113,6 +114,7 @@ def _checked(
             of_column = column_findings(samples, int((~known).sum()))
             if not any(one.code in OFF_ALREADY for one in of_column):
                 others = [c.values[known] for c in columns if c is not column]
+                of_column += no_reading_yet(samples, others)
                 of_column += displaced(samples, others) or excursions(samples, others)
                 of_column += interpolated(samples, others)
             findings += [*of_column, *_turned(column), *_wrapped(column)]

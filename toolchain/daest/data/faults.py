@@ -383,6 +383,32 @@ def displaced(samples: Samples, others: Sequence[np.ndarray]) -> list[Finding]:
     return [Finding("check-outliers", "warning", samples.name, text, at, count)]
 
 
+def no_reading_yet(samples: Samples, others: Sequence[np.ndarray]) -> list[Finding]:
+    """Zeros with which an output begins and from which it jumps to all that follows, while no input is at
+    work and none of the `others`, the columns (n,), jumps: a logger that had no reading yet."""
+    values, (starts, lengths) = samples.values, samples.runs
+    if samples.role != "output" or values.size < DATA.told_values or starts.size < 2 or values[0] != 0.0:
+        return []
+    count = int(lengths[0])
+    if count > DATA.longest_drop or np.count_nonzero(values == 0.0) > count:
+        return []
+    changes = np.abs(np.diff(values))
+    usual = float(changes[count:].max(initial=0.0))
+    if usual == 0.0 or changes[count - 1] <= DATA.stuck_jump * usual:
+        return []
+    if samples.driven is not None and np.any(samples.driven[:count]):
+        return []  # a quick machine, at rest before its input came
+    if any(_jumps_at(other, count - 1) for other in others):
+        return []
+    after = f"{samples.time[count]:.6g} {samples.clock}"
+    text = (
+        f"begins with 0 in {count} sample(s) and jumps to {values[count]:.6g}, by more than "
+        f"{DATA.stuck_jump:g} times as much as ever after, while no input acts: no reading yet? If so, "
+        f"begin at {after} (from)"
+    )
+    return [Finding("check-outliers", "warning", samples.name, text, float(samples.time[0]), count)]
+
+
 def excursions(samples: Samples, others: Sequence[np.ndarray]) -> list[Finding]:
     """Stretches in which an output runs off and comes back on a smooth way, in steps far larger than all
     others, while none of the `others`, the columns (n,), moves: pulses that were counted twice and smoothed

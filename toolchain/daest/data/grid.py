@@ -15,7 +15,7 @@ import numpy as np
 
 from daest.data.table import Column, Table, duplicate_columns, raise_collected, split_header
 from daest.errors import DataError, Place
-from daest.quantities import is_known_unit, is_unit_expression
+from daest.quantities import converts, is_known_unit, is_unit_expression
 
 MISSING = frozenset({"na", "n/a", "#n/a", "nan", "-nan", "null", "none", "-", "--", "---", "<na>"})
 _BRACKETS = {"[": "]", "(": ")"}
@@ -93,16 +93,31 @@ def _first_numbers(rows: list[list[str]], width: int, decimal: str) -> int:
 
 
 def _has_units(rows: list[list[str]], first: int, width: int) -> bool:
-    """Whether the row above the numbers holds units and the one above that a name for every cell."""
-    if first < 2 or len(rows[first - 1]) != width or len(rows[first - 2]) != width:
+    """Whether the row above the numbers holds units and the one above that a name for every cell; one of
+    time says that what it measures is the time.
+
+    Oscilloscopes write `,CH1,CH2` above `Second,Volt,Volt`, and end rows of numbers alone with a separator.
+    """
+    if first < 2:
         return False
-    if not all(rows[first - 2][: width - 1]):
+    names, units = rows[first - 2 : first]
+    if all(len(row) == width and row[-1] == "" for row in rows[first:]):
+        width -= 1
+        names, units = (row[:width] if row[width:] == [""] else row for row in (names, units))
+    if len(names) != width or len(units) != width:
         return False
-    cells = [cell for cell in rows[first - 1] if cell and cell != "-"]
+    if not all(names[: width - 1]) and not (all(names[1:]) and _is_of_time(units[0])):
+        return False
+    cells = [cell for cell in units if cell and cell != "-"]
     if not cells or not all(is_unit_expression(_bare(cell)) for cell in cells):
         return False
     known = sum(_bare(cell) != cell or is_known_unit(cell) for cell in cells)
     return 2 * known > len(cells)
+
+
+def _is_of_time(cell: str) -> bool:
+    """Whether a cell of the row of units holds one of time."""
+    return is_unit_expression(_bare(cell)) and converts(_bare(cell), "s")
 
 
 def _bare(cell: str) -> str:
@@ -159,6 +174,7 @@ def _columns(
             if unit is not None and unit != below:
                 problems.append(_unit_twice(name, unit, below, place))
             unit = below
+            name = name or ("time" if converts(unit, "s") else "")
         columns.append(_column(name, unit, cells[index], decimal, index + 1))
     raise_collected(problems, place.file)
     return tuple(columns)

@@ -211,14 +211,20 @@ def _described_pairs(
 
 
 def _telling(text: str) -> set[str]:
-    return {word for word in _words(text) if len(word) >= TELLING_LETTERS}
+    return {word for word in _words(text) if len(word) >= TELLING_LETTERS or _is_code(word)}
+
+
+def _is_code(word: str) -> bool:
+    """Whether a word is the name of a channel or terminal, of letters and a number (`ch1`, `ai3`)."""
+    return re.fullmatch(r"[a-z]+\d+", word) is not None
 
 
 def _n_shared(named: set[str], described: set[str], parts: set[str]) -> int:
     """How many telling words of the name and the description of a signal stand in the `parts` of the name of
-    a column; those of its description also as a part of a longer one."""
-    whole = named & parts
-    return len(whole) + sum(any(word in part for part in parts) for word in described - whole)
+    a column; those of its description also as a part of a longer one, but for the name of a channel."""
+    whole = (named | {word for word in described if _is_code(word)}) & parts
+    words = {word for word in described - whole if not _is_code(word)}
+    return len(whole) + sum(any(word in part for part in parts) for word in words)
 
 
 def _fits(signal: Signal, column: Column, how: How, others: Sequence[Signal]) -> bool:
