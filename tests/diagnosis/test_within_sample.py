@@ -1,5 +1,6 @@
 """A share of an input in a reading that is less than the input does within a sample: how late it acts."""
 
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import pytest
 from hidden_plants import PERIOD, library, model
 from test_changing_values import stand_with
 
+from daest.diagnosis.evidence.answered_inputs import answers_output
 from daest.diagnosis.null_model.null_observer import run_null
 from daest.diagnosis.screening.within_sample import acts_later, responses_within
 from daest.model.diagnosis import Candidate
@@ -46,3 +48,19 @@ def test_a_small_share_that_no_simulation_shows_is_how_late_the_input_acts():
     assert why(0.1 * most, rms=0.8, adds_up=True) != "", "but none whose errors add up: other values do that"
     assert why(1.1 * most, rms=0.8, adds_up=True) == ""
     assert why(0.1 * most, name="Offset") == ""
+
+
+@pytest.mark.parametrize("samples", [0, 1])
+def test_a_share_of_the_next_input_is_the_answer_of_a_controller(samples):
+    """A reading that holds a share of the input, and an input that follows what has moved the reading."""
+    null = run().null
+    k = 3.0 * responses_within(run())[0, 0]
+    made = []
+    for one in null.experiments:
+        u = np.concatenate([one.inputs[samples:, 0], np.repeat(one.inputs[-1:, 0], samples)])
+        made.append(replace(one, outputs=one.outputs + k * u[:, None]))
+    effect = next(e for e in library() if e.class_name == "Daest.Effects.Signals.Crosstalk")
+    site = next(s for s in sites(model("SpeedRotor")) if s.kind == "output")
+    candidate = Candidate(effect, site, "effect_1", {}, {"z": "u"})
+    mixed = replace(null, experiments=tuple(made))
+    assert bool(answers_output(mixed, candidate, told(k, 1.0))) is bool(samples)

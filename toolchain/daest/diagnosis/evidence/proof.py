@@ -13,6 +13,7 @@ from daest.diagnosis.built_in.dead_times import DELAY
 from daest.diagnosis.built_in.late_signals import is_late
 from daest.diagnosis.built_in.settled import LOST, better_of, fit_by_simulation, settled
 from daest.diagnosis.built_in.trials import Prepared
+from daest.diagnosis.evidence.answered_inputs import answers_output
 from daest.diagnosis.evidence.free_starts import misfit, steady_misfit
 from daest.diagnosis.evidence.law_values import ahead_of
 from daest.diagnosis.evidence.open_loop import (
@@ -392,6 +393,7 @@ class _Judge:
         reason = reason or weak(prepared, seen, self._before, self.found.gain)
         adds_up = self.reference is not None and self.reference.adds_up
         reason = reason or acts_later(self.run, candidate, last, self._before, adds_up=adds_up)
+        reason = reason or answers_output(self.null, candidate, last)
         alone = grown(self.fed, prepared.flat, explicit, last, self.found.experiments)
         reason = reason or undriven(alone)
         if not reason:
